@@ -85,6 +85,17 @@ def confined(roots: AssetRoots | None) -> Iterator[None]:
         _confinement.reset(token)
 
 
+def asset_root_folders() -> tuple[Path, ...]:
+    """Return the roots in force, with links resolved; none if any file is allowed."""
+    roots = _confinement.get()
+    return () if roots is None else roots.folders
+
+
+def is_confined() -> bool:
+    """Return whether a request is worked on, which may name files in the asset roots only."""
+    return _confinement.get() is not None
+
+
 def _file(path: Path, info: ValidationInfo) -> Path:
     found = _absolute(path, info)
     if not _holds(found.is_file):

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import tempfile
+import time
+from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.config.paths import is_confined
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
+from oaisys_core.files.arrays import load_arrays
+from oaisys_core.files.references import folders_of, outside_error
+from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.meshes.checks import check_mesh, check_uv
 from oaisys_core.python_programs import python_command, python_environment
 from oaisys_core.types import FloatArray, ShortRepr
@@ -24,6 +31,18 @@ Y_UP_SUFFIXES = (".glb", ".gltf")
 R_Z_UP_FROM_Y_UP: FloatArray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 BLEND_TIMEOUT_S = 120.0
+"""For a .blend file that the configuration names."""
+
+BLEND_REQUEST_TIMEOUT_S = 15.0
+"""For one that a request names: other clients wait as long."""
+
+MOST_BLEND_BYTES = 4_000_000_000
+"""Size of the arrays of a mesh."""
+
+MOST_SLOW = 64
+LOOK_S = 0.05
+_slow: OrderedDict[tuple[Path, int, int], None] = OrderedDict()
+"""Files that took too long, with their time and size: they are refused at once."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,28 +186,9 @@ def _colors_of(mesh: LoadedMesh) -> NDArray[np.uint8] | None:
 
 def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
     with tempfile.TemporaryDirectory(prefix="oaisys-") as folder:
-        out = Path(folder, "mesh.npz")
-        reader = "oaisys_core.backend.blender.objects.blend_files"
-        command = python_command(reader, str(path.resolve()), str(out), object_name or "")
-        try:
-            ended = subprocess.run(
-                command,
-                env=python_environment(),
-                capture_output=True,
-                text=True,
-                timeout=BLEND_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
-            expected = f"a .blend file that loads within {BLEND_TIMEOUT_S:g} s"
-            raise InvalidInputError(field, str(path), expected) from error
-        said = (ended.stderr.strip().splitlines() or ["no message"])[-1]
-        if "BackendUnavailableError" in said or "No module named 'bpy'" in said:
-            raise BackendUnavailableError(f"{field}: {path} needs Blender: bpy is not installed")
-        if ended.returncode or not out.exists():
-            raise InvalidInputError(field, str(path), f"a readable .blend file ({said})")
-        with np.load(out, allow_pickle=False) as arrays:
-            found = dict(arrays)
+        found = _read_blend(path, object_name, field, Path(folder))
+    if "outside" in found:
+        raise outside_error(path, str(found["outside"]), field)
     if "names" in found:
         raise _no_such_object(field, object_name or "", found["names"].tolist())
     check_mesh(found["vertices_m"].astype(np.float64), found["triangles"], path, field)
@@ -201,6 +201,63 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
         color_image_srgb=found.get("color_image_srgb"),
         vertex_colors_srgb=found.get("vertex_colors_srgb"),
     )
+
+
+def _read_blend(
+    path: Path, object_name: str | None, field: str, folder: Path
+) -> dict[str, NDArray[Any]]:
+    """Return what a process of its own finds in a .blend file."""
+    out, log = folder / "mesh.npz", folder / "log"
+    time_s = BLEND_REQUEST_TIMEOUT_S if is_confined() else BLEND_TIMEOUT_S
+    task = {
+        "file": str(path.resolve()),
+        "object_name": object_name or "",
+        "out": str(out),
+        "folders": [str(each) for each in folders_of(path)],
+        "time_s": int(time_s) + 5,
+    }
+    command = python_command("oaisys_core.meshes.blend_program", json.dumps(task))
+    status = path.stat()
+    version = (path.resolve(), status.st_mtime_ns, status.st_size)
+    expected = f"a .blend file that loads within {time_s:g} s"
+    if version in _slow:
+        raise InvalidInputError(field, str(path), expected)
+    with log.open("wb") as output:
+        try:
+            code = _code_of(command, output, folder, time_s)
+        except subprocess.TimeoutExpired as error:
+            _slow[version] = None
+            while len(_slow) > MOST_SLOW:
+                _slow.popitem(last=False)
+            raise InvalidInputError(field, str(path), expected) from error
+    lines = log.read_bytes()[-10_000:].decode(errors="replace").strip().splitlines()
+    said = next((line for line in reversed(lines) if "Error" in line), "no message")[:300]
+    if "BackendUnavailableError" in said or "No module named 'bpy'" in said:
+        raise BackendUnavailableError(f"{field}: {path} needs Blender: bpy is not installed")
+    if code or not out.exists():
+        raise InvalidInputError(field, str(path), f"a readable .blend file ({said})")
+    return load_arrays(out, MOST_BLEND_BYTES)
+
+
+def _code_of(command: list[str], output: IO[bytes], folder: Path, time_s: float) -> int:
+    """Run the reader and return its exit code; it is killed once nobody wants what it finds."""
+    environment = {**python_environment(), "TMPDIR": str(folder)}
+    process = subprocess.Popen(
+        command, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+    )
+    deadline_s = time.monotonic() + time_s
+    try:
+        while True:
+            stop_if_unwanted()
+            left_s = deadline_s - time.monotonic()
+            try:
+                return process.wait(min(max(left_s, 0.0), LOOK_S))
+            except subprocess.TimeoutExpired:
+                if left_s <= 0:
+                    raise
+    finally:
+        process.kill()
+        process.wait()
 
 
 def _no_such_object(field: str, name: str, names: Iterable[str]) -> InvalidInputError:

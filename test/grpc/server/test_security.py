@@ -386,10 +386,12 @@ MAKE_BLEND = """
 import sys, bpy
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.mesh.primitive_cube_add()
+bpy.context.object.driver_add("location", 2).driver.expression = "len(str(frame)) * 0.0"
 text = bpy.data.texts.new("attack.py")
 text.write(f"open({sys.argv[2]!r}, 'w')")
 text.use_module = True
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+bpy.ops.wm.read_factory_settings(use_empty=True)  # with a driver, the process would not end
 """
 
 

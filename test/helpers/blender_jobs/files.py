@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -46,3 +47,69 @@ def refused_stage(config: Mapping[str, Any], metadata: ModuleMetadata) -> str:
     except InvalidInputError as error:
         return str(error)
     return ""
+
+
+def save_linked_blends(folder: str) -> None:
+    """Save one .blend file for each way to refer to another file, and some that refer to none."""
+    for kind, link in LINKS.items():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.mesh.primitive_cube_add()
+        link(bpy.context.object, Path(folder))
+        bpy.ops.wm.save_as_mainfile(filepath=str(Path(folder, "root", f"{kind}.blend")))
+    # A driver that is still there when the process ends keeps it from ending.
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def _driver(thing: Any, _: Path) -> None:
+    thing.driver_add("location", 0).driver.expression = "len(str(frame)) * 2.0"
+
+
+def _image(thing: Any, path: Path) -> None:
+    pixels = bpy.data.images.new("pixels", 4, 4)
+    pixels.filepath_raw = str(path)
+    pixels.file_format = "PNG"
+    pixels.save()
+    image = bpy.data.images.load(str(path))
+    material = bpy.data.materials.new("textured")
+    material.use_nodes = True
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(tree.nodes["Principled BSDF"].inputs["Base Color"], node.outputs["Color"])
+    thing.data.materials.append(material)
+
+
+def _library(thing: Any, folder: Path) -> None:
+    other = folder / "outside" / "library.blend"
+    bpy.data.libraries.write(str(other), {thing.data})
+    with bpy.data.libraries.load(str(other), link=True) as (source, target):
+        target.meshes = source.meshes
+    thing.data = target.meshes[0]
+
+
+def _cache(thing: Any, folder: Path) -> None:
+    thing.modifiers.new("cache", "MESH_CACHE").filepath = str(folder / "outside" / "cache.pc2")
+
+
+def _reading_node(thing: Any, _: Path) -> None:
+    tree = bpy.data.node_groups.new("reading", "GeometryNodeTree")
+    tree.nodes.new("GeometryNodeImportText" if bpy.app.version >= (4, 5) else "GeometryNodeJoin")
+    thing.modifiers.new("reading", "NODES").node_group = tree
+
+
+def _bake(thing: Any, folder: Path) -> None:
+    tree = bpy.data.node_groups.new("baked", "GeometryNodeTree")
+    modifier = thing.modifiers.new("baked", "NODES")
+    modifier.node_group = tree
+    modifier.bake_directory = str(folder / "outside" / "bake")
+
+
+LINKS: dict[str, Callable[[Any, Path], None]] = {
+    "driver": _driver,
+    "image_inside": lambda thing, folder: _image(thing, folder / "root" / "inside.png"),
+    "image_outside": lambda thing, folder: _image(thing, folder / "outside" / "secret.png"),
+    "library": _library,
+    "cache": _cache,
+    "reading_node": _reading_node,
+    "bake": _bake,
+}

@@ -7,6 +7,7 @@ Raises:
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import BackendUnavailableError
 
@@ -22,6 +23,16 @@ except ImportError as error:
     )
     raise BackendUnavailableError(f"bpy cannot be imported ({error}): {hint}") from error
 
-from oaisys_core.backend.blender.renderer import BlenderBackend
+if TYPE_CHECKING:
+    from oaisys_core.backend.blender.renderer import BlenderBackend
 
 __all__ = ["BlenderBackend"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the backend when it is wanted: who reads a .blend file needs Blender alone."""
+    if name == "BlenderBackend":
+        from oaisys_core.backend.blender.renderer import BlenderBackend
+
+        return BlenderBackend
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

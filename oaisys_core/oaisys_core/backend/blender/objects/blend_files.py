@@ -1,12 +1,10 @@
-"""Reads a mesh from a .blend file: ``python -m oaisys_core.backend.blender.objects.blend_files``.
+"""Reads a mesh from a .blend file, in a process of its own: `oaisys_core.meshes.blend_program`.
 
-It runs in a separate process, so that the file cannot change the rendered scene or crash the
-simulator. Scripts and drivers in the file are not run.
+Scripts and drivers of Python in the file are not run.
 """
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +13,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encoded
+from oaisys_core.files.images import MESH_TEXTURE
+from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
 
+READING_NODES = "GeometryNodeImport"
+"""Start of the names of geometry nodes that read files, whose paths may be computed."""
 
-def read_blend(path: Path, object_name: str) -> dict[str, NDArray[Any]]:
+
+def read_blend(path: Path, object_name: str, folders: tuple[Path, ...]) -> dict[str, NDArray[Any]]:
     """Return the mesh of the named object, or of all objects merged if ``object_name`` is empty.
+
+    Args:
+        path: The file.
+        object_name: Name of the object.
+        folders: Where the files that it refers to may lie, links resolved.
 
     Returns:
         ``vertices_m``, ``triangles`` and, if present, ``uv``, ``color_image_srgb`` and
         ``vertex_colors_srgb``, as in `oaisys_core.meshes.files.LoadedMesh`; or only ``names``, of
-        the objects with triangles, if none has that name.
+        the objects with triangles, if none has that name. ``outside`` alone is the name of a file
+        elsewhere to which it refers.
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
     with bpy.data.libraries.load(str(path), link=False) as (source, target):
         target.objects = list(source.objects)
+    outside = _outside(path, folders)
+    if outside is not None:
+        return {"outside": np.array(outside)}
     things = [thing for thing in target.objects if thing is not None]
     for thing in things:
         bpy.context.scene.collection.objects.link(thing)
@@ -48,6 +60,26 @@ def read_blend(path: Path, object_name: str) -> dict[str, NDArray[Any]]:
         ),
         "vertex_colors_srgb": np.concatenate([_plain_colors(part) for part in chosen]),
     }
+
+
+def _outside(path: Path, folders: tuple[Path, ...]) -> str | None:
+    """Return what a file that was loaded, but not evaluated, refers to outside of the folders."""
+    names = [name for name in bpy.utils.blend_paths(absolute=True, packed=False) if name]
+    names += [library.filepath for library in bpy.data.libraries]
+    names += [
+        name
+        for thing in bpy.data.objects
+        for modifier in thing.modifiers
+        if modifier.type == "NODES"
+        for name in (modifier.bake_directory, *(bake.directory for bake in modifier.bakes))
+        if name
+    ]
+    for name in names:
+        place = Path(bpy.path.abspath(name, start=str(path.parent)))
+        if not lies_within(path.parent / place, folders):
+            return str(name)
+    nodes = [node for tree in bpy.data.node_groups for node in tree.nodes]
+    return next((str(n.bl_label) for n in nodes if n.bl_idname.startswith(READING_NODES)), None)
 
 
 def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
@@ -110,6 +142,7 @@ def _base_image(thing: Any) -> NDArray[np.uint8] | None:
     if image is None or (not image.has_data and not image.pixels):
         return None
     width, height = image.size
+    MESH_TEXTURE.check(width, height, image.name)
     pixels = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(pixels)
     rgb = pixels.reshape(height, width, -1)[::-1, :, :3]
@@ -131,7 +164,3 @@ def _plain_colors(part: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
         mean = part["color_image_srgb"].reshape(-1, 3).mean(axis=0)
         return np.tile(mean.round().astype(np.uint8), (count, 1))
     return np.full((count, 3), 128, np.uint8)
-
-
-if __name__ == "__main__":
-    np.savez(sys.argv[2], **read_blend(Path(sys.argv[1]), sys.argv[3]))
