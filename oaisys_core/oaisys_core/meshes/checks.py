@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from oaisys_core.types import FloatArray
 
 MOST = 1e7
 """Largest coordinate in the file's units: float32 still resolves a metre, and areas are finite."""
+
+FAR = 8192.0
+"""Distance from the origin beyond which float32 does not resolve a thousandth."""
 
 TEXT_VERTEX = {".obj": "v", ".stl": "vertex"}
 """First word of a line with a vertex, by file suffix."""
@@ -49,6 +53,19 @@ def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, f
         )
     if not _has_area(vertices, triangles):
         raise InvalidInputError(field, str(path), "at least one triangle with an area")
+
+
+def local_origin(vertices: NDArray[Any]) -> FloatArray:
+    """Return whole numbers to subtract from (V, 3) vertices before they become float32.
+
+    0 on the axes on which the vertices lie around the origin, or within `FAR` of it.
+
+    >>> local_origin(np.array([[500000.5, 0.0, 40.0], [500002.0, 9000.0, 41.0]]))
+    array([500001.,      0.,      0.])
+    """
+    low, high = (np.asarray(edge, np.float64) for edge in (vertices.min(0), vertices.max(0)))
+    is_far = (np.maximum(np.abs(low), np.abs(high)) > FAR) & (low * high > 0)
+    return np.where(is_far, np.round((low + high) / 2), 0.0)
 
 
 def check_uv(uvs: Iterable[NDArray[np.float32] | None], path: Path, field: str) -> None:

@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections import OrderedDict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,9 +18,17 @@ from numpy.typing import NDArray
 from oaisys_core.config.paths import is_confined
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
 from oaisys_core.files.arrays import load_arrays
+from oaisys_core.files.images import MESH_TEXTURE
+from oaisys_core.files.mesh_headers import (
+    MOST_VERTICES,
+    check_mesh_file,
+    embedded_images,
+    read_gltf,
+)
 from oaisys_core.files.references import folders_of, outside_error
 from oaisys_core.interruption import stop_if_unwanted
-from oaisys_core.meshes.checks import check_mesh, check_uv
+from oaisys_core.meshes.checks import check_mesh, check_uv, local_origin
+from oaisys_core.meshes.references import FileReferences, check_texture
 from oaisys_core.python_programs import python_command, python_environment
 from oaisys_core.types import FloatArray, ShortRepr
 
@@ -51,7 +59,8 @@ class LoadedMesh(ShortRepr):
 
     Attributes:
         name: Name of the object, or of the file.
-        vertices_m: (V, 3) float32, z up, in the units of the file.
+        vertices_m: (V, 3), z up, in the units of the file: float32, or float64 where float32 is
+            too coarse, far from the origin, see `oaisys_core.meshes.checks.local_origin`.
         triangles: (T, 3) int32.
         uv: (T, 3, 2) float32 texture coordinates of the corners, v up; None without an image.
         color_image_srgb: (H, W, 3) uint8, row 0 at the top; None without a texture.
@@ -59,7 +68,7 @@ class LoadedMesh(ShortRepr):
     """
 
     name: str
-    vertices_m: NDArray[np.float32]
+    vertices_m: NDArray[Any]
     triangles: NDArray[np.int32]
     uv: NDArray[np.float32] | None = None
     color_image_srgb: NDArray[np.uint8] | None = None
@@ -81,20 +90,20 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
             be rendered, see `check_mesh`.
         BackendUnavailableError: It is a .blend file and ``bpy`` is not installed.
     """
-    import trimesh
-
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInputError(field, str(path), f"a file that ends in {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise InvalidInputError(field, str(path), "an existing file")
     if path.suffix.lower() == ".blend":
         return _load_blend(path, object_name, field)
-    try:
-        scene = trimesh.load_scene(path, process=False)
-    # The exception that trimesh raises depends on the format.
-    except Exception as error:
-        expected = f"a readable {path.suffix} file ({error})"
-        raise InvalidInputError(field, str(path), expected) from error
+    scene = _loaded_scene(path, field)
+    triangles = sum(
+        len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
+        for node in scene.graph.nodes_geometry
+    )
+    if triangles > MOST_VERTICES:
+        expected = f"at most {MOST_VERTICES} triangles, not {triangles}"
+        raise InvalidInputError(field, str(path), expected)
     parts = dict(_named_parts(scene))
     if object_name is not None:
         if object_name not in parts:
@@ -108,7 +117,42 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     turned = path.suffix.lower() in Y_UP_SUFFIXES
     loaded = [_loaded(object_name or path.stem, mesh, turned) for mesh in meshes]
     check_uv((mesh.uv for mesh in loaded), path, field)
-    return _merged(loaded)
+    return _as_float32(_merged(loaded))
+
+
+def _loaded_scene(path: Path, field: str) -> Any:
+    """Return what trimesh reads from a file, and from others beside it."""
+    import trimesh
+
+    check_mesh_file(path, field)
+    if path.suffix.lower() in Y_UP_SUFFIXES:
+        for name, data in embedded_images(*read_gltf(path, field)):
+            check_texture(data, f"{path}: {name}")
+    references = FileReferences(path, field)
+    try:
+        with path.open("rb") as file:
+            scene = trimesh.load_scene(
+                file,
+                file_type=path.suffix.lower()[1:],
+                resolver=references,
+                process=False,
+            )
+    # The exception that trimesh raises depends on the format.
+    except Exception as error:
+        if references.refused is not None:
+            raise references.refused from error
+        expected = f"a readable {path.suffix} file ({error})"
+        raise InvalidInputError(field, str(path), expected) from error
+    if references.refused is not None:
+        raise references.refused
+    return scene
+
+
+def _as_float32(mesh: LoadedMesh) -> LoadedMesh:
+    """Return a mesh whose vertices are float32 if that is precise enough where they are."""
+    if local_origin(mesh.vertices_m).any():
+        return mesh
+    return replace(mesh, vertices_m=mesh.vertices_m.astype(np.float32))
 
 
 def _named_parts(scene: Any) -> Iterable[tuple[str, Any]]:
@@ -131,15 +175,19 @@ def _loaded(name: str, mesh: Any, turned: bool) -> LoadedMesh:
     uv = getattr(mesh.visual, "uv", None)
     if image is not None and uv is not None:
         by_corner = np.asarray(uv, np.float32)[triangles]
-        return LoadedMesh(name, vertices_m.astype(np.float32), triangles, by_corner, image)
+        return LoadedMesh(name, vertices_m, triangles, by_corner, image)
     colors = _vertex_colors(mesh)
-    return LoadedMesh(name, vertices_m.astype(np.float32), triangles, vertex_colors_srgb=colors)
+    return LoadedMesh(name, vertices_m, triangles, vertex_colors_srgb=colors)
 
 
 def _texture(visual: Any) -> NDArray[np.uint8] | None:
     material = getattr(visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    return None if image is None else np.array(image.convert("RGB"), np.uint8)
+    if image is None:
+        return None
+    width, height = image.size
+    MESH_TEXTURE.check(width, height, "a mesh's texture")
+    return np.array(image.convert("RGB"), np.uint8)
 
 
 def _vertex_colors(mesh: Any) -> NDArray[np.uint8] | None:
@@ -191,9 +239,12 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
         raise outside_error(path, str(found["outside"]), field)
     if "names" in found:
         raise _no_such_object(field, object_name or "", found["names"].tolist())
-    check_mesh(found["vertices_m"].astype(np.float64), found["triangles"], path, field)
+    if max(len(found["vertices_m"]), len(found["triangles"])) > MOST_VERTICES:
+        expected = f"at most {MOST_VERTICES} vertices and triangles, not {len(found['triangles'])}"
+        raise InvalidInputError(field, str(path), expected)
+    check_mesh(found["vertices_m"], found["triangles"], path, field)
     check_uv([found.get("uv")], path, field)
-    return LoadedMesh(
+    mesh = LoadedMesh(
         name=object_name or path.stem,
         vertices_m=found["vertices_m"],
         triangles=found["triangles"],
@@ -201,6 +252,7 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
         color_image_srgb=found.get("color_image_srgb"),
         vertex_colors_srgb=found.get("vertex_colors_srgb"),
     )
+    return _as_float32(mesh)
 
 
 def _read_blend(

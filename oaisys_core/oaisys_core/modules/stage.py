@@ -127,7 +127,10 @@ def _path(store: Path | None, name: str) -> Path | None:
 
 def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, Any]) -> Ground:
     if config.mesh is not None:
-        return _mesh_ground(config.mesh)
+        mesh = _mesh_ground(config.mesh)
+        if any(mesh.local_origin_m):
+            notes["local_origin_m"] = list(mesh.local_origin_m)
+        return mesh
     if config.dem is not None:
         dem = config.dem.model_dump()
         imported = import_dem(dem.pop("file"), **dem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,9 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.backend.raycast.triangles import TriangleTarget
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.meshes.checks import MOST
+from oaisys_core.meshes.checks import MOST, local_origin
 from oaisys_core.meshes.files import LoadedMesh
 from oaisys_core.types import FloatArray, TriangleMesh
+
+LOG = logging.getLogger(__name__)
 
 AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 """By the axis that points up, the axes of the file that become x, y and z (a rotation)."""
@@ -25,10 +28,13 @@ class MeshGround:
     Attributes:
         points_m: (V, 3) float32 in ``map``.
         corners: (T, 3) int32.
+        local_origin_m: Where the origin of ``map`` is in the coordinates that the configuration
+            gives to the file; 0, or whole metres if the file lies far from it.
     """
 
     points_m: NDArray[np.float32]
     corners: NDArray[np.int32]
+    local_origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
@@ -83,8 +89,16 @@ def mesh_ground(
         raise InvalidInputError(
             "stage.mesh.scale", scale, f"a ground within {MOST:g} m, not {farthest_m:g} m"
         )
-    points_m = exact_m.astype(np.float32)
-    return MeshGround(points_m, _facing_up(points_m, mesh.triangles))
+    origin_m = local_origin(exact_m)
+    if origin_m.any():
+        LOG.warning(
+            "%s: lies far from the origin, so the map's origin is at [%s] of its coordinates",
+            mesh.name,
+            ", ".join(f"{value:g}" for value in origin_m),
+        )
+    points_m = (exact_m - origin_m).astype(np.float32)
+    x, y, z = origin_m.tolist()
+    return MeshGround(points_m, _facing_up(points_m, mesh.triangles), (x, y, z))
 
 
 def _facing_up(points_m: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,17 @@ from numpy.typing import NDArray
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.meshes.files import R_Z_UP_FROM_Y_UP, Y_UP_SUFFIXES, load_mesh
+from oaisys_core.meshes.checks import local_origin
+from oaisys_core.meshes.files import R_Z_UP_FROM_Y_UP, Y_UP_SUFFIXES, LoadedMesh, load_mesh
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scatter.shapes import check_shape, make_shape
 from oaisys_core.scene import MeshPrototype, PbrMaps
 from oaisys_core.textures import TEXTURES, default_cache_dir, texture_set
+
+LOG = logging.getLogger(__name__)
+
+FAR_SIZES = 100
+"""Distance of a mesh from its origin, in its sizes, from which float32 blurs it."""
 
 ROCK_VARIANTS, OTHER_VARIANTS = 24, 3
 """Number of meshes of a group that says nothing else."""
@@ -107,7 +114,7 @@ class PrototypeLibrary:
             mesh = load_mesh(path, config.object_name, field)
             self._files[key] = MeshPrototype(
                 name=mesh.name,
-                vertices_m=_upright(mesh.vertices_m, path, config.up_axis),
+                vertices_m=_upright(_near_origin(mesh, path), path, config.up_axis),
                 triangles=mesh.triangles,
                 color_srgb=_mean_color(mesh.vertex_colors_srgb, mesh.color_image_srgb),
                 vertex_colors_srgb=mesh.vertex_colors_srgb,
@@ -115,6 +122,20 @@ class PrototypeLibrary:
                 color_image_srgb=mesh.color_image_srgb,
             )
         return self._files[key]
+
+
+def _near_origin(mesh: LoadedMesh, path: Path) -> NDArray[np.float32]:
+    """Return the vertices of a mesh, moved to the origin if they lie far from it."""
+    origin = local_origin(mesh.vertices_m)
+    size = float(np.ptp(mesh.vertices_m, axis=0).max())
+    origin = np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
+    if origin.any():
+        LOG.warning(
+            "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
+            path,
+            ", ".join(f"{value:g}" for value in origin),
+        )
+    return np.asarray(mesh.vertices_m - origin, np.float32)
 
 
 def _upright(

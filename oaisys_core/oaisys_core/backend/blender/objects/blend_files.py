@@ -90,7 +90,7 @@ def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
     local = _filled(mesh.vertices, "co", 3)
     T = np.array(evaluated.matrix_world, np.float64)
     found: dict[str, NDArray[Any]] = {
-        "vertices_m": transform_points(T, local).astype(np.float32),
+        "vertices_m": transform_points(T, local),
         "triangles": _filled(mesh.loop_triangles, "vertices", 3, np.int32),
     }
     corners = _filled(mesh.loop_triangles, "loops", 3, np.int32)

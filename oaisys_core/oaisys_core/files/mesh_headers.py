@@ -1,0 +1,201 @@
+"""Checks of mesh files before they are read: what their headers announce must be in them."""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json, read_bytes
+
+MOST_BYTES = 2_000_000_000
+"""Size of a binary mesh file, and of a file that it refers to."""
+
+MOST_TEXT_BYTES = 500_000_000
+"""Size of a mesh file that is text: reading takes twenty times as much memory."""
+
+MOST_VERTICES = 20_000_000
+"""Vertices, and triangles, of a mesh; each instance in a glTF scene counts."""
+
+MOST_NODES = 100_000
+MOST_NODE_DEPTH = 200
+_HEADER_BYTES = 65_536
+_PLY_TYPES = {
+    **dict.fromkeys((b"char", b"uchar", b"int8", b"uint8"), 1),
+    **dict.fromkeys((b"short", b"ushort", b"int16", b"uint16"), 2),
+    **dict.fromkeys((b"int", b"uint", b"float", b"int32", b"uint32", b"float32"), 4),
+    **dict.fromkeys((b"double", b"float64"), 8),
+}
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+
+
+def check_mesh_file(path: Path, field: str) -> None:
+    """Raise if a mesh file is too large, or announces more than it contains.
+
+    Raises:
+        InvalidInputError: With the file, the size and the bound.
+    """
+    size = path.stat().st_size
+    suffix = path.suffix.lower()
+    try:
+        with path.open("rb") as file:
+            start = file.read(_HEADER_BYTES)
+        most = MOST_TEXT_BYTES if _is_text(suffix, start) else MOST_BYTES
+        if size > most:
+            raise ValueError(f"at most {most} bytes, not {size}")
+        if start.startswith(b"ply"):
+            _check_ply(start, size)
+        elif suffix == ".stl" and not start.lstrip().startswith(b"solid"):
+            _check_stl(start, size)
+    except (OSError, ValueError, struct.error) as error:
+        raise InvalidInputError(field, str(path), f"a {suffix} file of {error}") from error
+
+
+def _is_text(suffix: str, start: bytes) -> bool:
+    if suffix == ".ply":
+        return b"format ascii" in start
+    if suffix == ".stl":
+        return start.lstrip().startswith(b"solid")
+    return suffix in (".obj", ".gltf")
+
+
+def _check_ply(start: bytes, size: int) -> None:
+    end = re.search(rb"\nend_header\r?\n", start)
+    if end is None:
+        raise ValueError(f"a header within {_HEADER_BYTES} bytes")
+    is_text = b"format ascii" in start
+    announced = 0
+    elements = re.split(rb"\nelement ", start[: end.start()])[1:]
+    for element in elements:
+        lines = element.splitlines()
+        name, _, count = lines[0].partition(b" ")
+        number = int(count)
+        row = max(1, sum(_ply_bytes(line, is_text) for line in lines[1:]))
+        if number > MOST_VERTICES:
+            raise ValueError(f"at most {MOST_VERTICES} of an element, not {number} {name.decode()}")
+        announced += number * row
+    # The last number of a text needs no space after it.
+    if announced > size + 1:
+        raise ValueError(f"as many elements as fit into its {size} bytes, not {announced} bytes")
+
+
+def _ply_bytes(line: bytes, is_text: bool) -> int:
+    """Return how many bytes a property takes at least."""
+    words = line.split()
+    if not words or words[0] != b"property":
+        return 0
+    if is_text:
+        return 2
+    return _PLY_TYPES.get(words[2] if words[1] == b"list" else words[1], 1)
+
+
+def _check_stl(start: bytes, size: int) -> None:
+    (count,) = struct.unpack_from("<I", start, 80)
+    if count > MOST_VERTICES:
+        raise ValueError(f"at most {MOST_VERTICES} triangles, not {count}")
+    if 84 + 50 * count > size:
+        raise ValueError(f"{84 + 50 * count} bytes for its {count} triangles, not {size}")
+
+
+# glTF -------------------------------------------------------------------------------------------
+
+
+def read_gltf(path: Path, field: str) -> tuple[Mapping[str, Any], bytes]:
+    """Return the document of a ``.gltf`` or ``.glb`` file, checked, and the binary part of a .glb.
+
+    Raises:
+        InvalidInputError: It cannot be read, or announces more than it contains.
+    """
+    try:
+        data = read_bytes(path, MOST_BYTES)
+        text, binary = _glb_parts(data) if data.startswith(b"glTF") else (data, b"")
+        document = parse_json(text)
+        if not isinstance(document, dict):
+            raise ValueError("it is not a JSON object")  # noqa: TRY004  # about the file
+        _check_gltf(document)
+    except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
+        expected = f"a glTF file that can be used ({error})"
+        raise InvalidInputError(field, str(path), expected) from error
+    return document, binary
+
+
+def _glb_parts(data: bytes) -> tuple[bytes, bytes]:
+    (length,) = struct.unpack_from("<I", data, 12)
+    if data[16:20] != b"JSON":
+        raise ValueError("its first part is not JSON")
+    return data[20 : 20 + length], data[20 + length + 8 :]
+
+
+def _entries(document: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
+    found = document.get(name, [])
+    if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        raise ValueError(f"{name} is not a list of objects")
+    return found
+
+
+def _count(entry: Mapping[str, Any], name: str, default: int | None = None) -> int:
+    value = entry.get(name, default)
+    if not isinstance(value, int) or value < 0:
+        raise ValueError(f"{name} is not a whole number of 0 or more")
+    return value
+
+
+def _check_gltf(document: Mapping[str, Any]) -> None:
+    views = _entries(document, "bufferViews")
+    values = 0
+    for accessor in _entries(document, "accessors"):
+        count = _count(accessor, "count")
+        if count > 3 * MOST_VERTICES:
+            raise ValueError(f"an accessor of at most {3 * MOST_VERTICES} elements, not {count}")
+        components = _COMPONENTS.get(str(accessor.get("type")), 16)
+        values += count * components
+        if "bufferView" in accessor:
+            view = views[_count(accessor, "bufferView")]
+            needed = count * components * _COMPONENT_BYTES.get(accessor.get("componentType", 0), 1)
+            if not view.get("byteStride") and needed > _count(view, "byteLength"):
+                raise ValueError(f"an accessor of {count} elements is larger than its view")
+    if values > 32 * MOST_VERTICES:
+        raise ValueError(f"accessors of at most {32 * MOST_VERTICES} numbers, not {values}")
+    for buffer in _entries(document, "buffers"):
+        if _count(buffer, "byteLength", 0) > MOST_BYTES:
+            raise ValueError(f"a buffer of at most {MOST_BYTES} bytes")
+    _check_nodes(_entries(document, "nodes"))
+
+
+def _check_nodes(nodes: Sequence[Mapping[str, Any]]) -> None:
+    if len(nodes) > MOST_NODES:
+        raise ValueError(f"at most {MOST_NODES} nodes, not {len(nodes)}")
+    children = [tuple(node.get("children", ())) for node in nodes]
+    below = [child for each in children for child in each]
+    if len(set(below)) < len(below) or any(not 0 <= child < len(nodes) for child in below):
+        raise ValueError("nodes that are no trees")
+    inner = set(below)
+    level, depth, reached = [n for n in range(len(nodes)) if n not in inner], 0, 0
+    while level:
+        depth += 1
+        reached += len(level)
+        if depth > MOST_NODE_DEPTH:
+            raise ValueError(f"nodes nested at most {MOST_NODE_DEPTH} times")
+        level = [child for node in level for child in children[node]]
+    if reached < len(nodes):
+        raise ValueError("nodes that are no trees")
+
+
+def embedded_images(document: Mapping[str, Any], binary: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield name and bytes of the images within a glTF file itself."""
+    views = _entries(document, "bufferViews")
+    for number, image in enumerate(_entries(document, "images")):
+        name = str(image.get("name", f"image {number}"))
+        uri = str(image.get("uri", ""))
+        if uri.startswith("data:"):
+            yield name, base64.b64decode(uri.partition(",")[2])
+        elif "bufferView" in image:
+            view = views[_count(image, "bufferView")]
+            start = _count(view, "byteOffset", 0)
+            if _count(view, "buffer", 0) == 0 and binary:
+                yield name, binary[start : start + _count(view, "byteLength")]

@@ -1,0 +1,83 @@
+"""The files that a mesh file refers to: buffers, materials and textures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import read_bytes
+from oaisys_core.files.image_headers import image_size
+from oaisys_core.files.images import MESH_TEXTURE
+from oaisys_core.files.mesh_headers import MOST_BYTES
+from oaisys_core.files.references import referenced_file
+
+IMAGE_SUFFIXES = frozenset(
+    (
+        *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga", ".dds"),
+        *(".ktx", ".ktx2", ".exr", ".hdr", ".eps", ".ppm", ".pgm", ".psd"),
+    )
+)
+
+
+class FileReferences:
+    """What trimesh asks for files; it goes on without what it does not get, so refusals are kept.
+
+    Attributes:
+        refused: The first file that was refused; None: none.
+    """
+
+    def __init__(self, file: Path, field: str) -> None:
+        self._file, self._field = file, field
+        self.refused: InvalidInputError | None = None
+
+    def get(self, name: str) -> bytes:
+        """Return the content of a file.
+
+        Raises:
+            InvalidInputError: It lies elsewhere, or is too large.
+            OSError: It is not there.
+        """
+        try:
+            path = referenced_file(self._file, str(name), self._field)
+            data = self._content(path)
+            if path.suffix.lower() in IMAGE_SUFFIXES:
+                check_texture(data, str(path))
+        except InvalidInputError as error:
+            self.refused = self.refused or error
+            raise
+        return data
+
+    def _content(self, path: Path) -> bytes:
+        try:
+            return read_bytes(path, MOST_BYTES)
+        except ValueError as error:
+            expected = f"a file that refers to files that can be read ({path.name}: {error})"
+            raise InvalidInputError(self._field, str(self._file), expected) from error
+
+    def __getitem__(self, name: str) -> bytes:
+        return self.get(name)
+
+    def __contains__(self, name: str) -> bool:
+        return True
+
+    def keys(self) -> list[str]:
+        """Return the names of files that are known beforehand: none."""
+        return []
+
+    def write(self, name: str, data: Any) -> None:
+        """Refuse: reading writes nothing."""
+        raise NotImplementedError
+
+    def namespaced(self, namespace: str) -> FileReferences:
+        """Return what opens the files of a folder; the same, because names are relative paths."""
+        return self
+
+
+def check_texture(data: bytes, name: str) -> None:
+    """Raise `InvalidInputError` if the image in a mesh's file must not be decoded."""
+    try:
+        size = image_size(data)
+    except ValueError as error:
+        raise MESH_TEXTURE.refusal(name, error) from error
+    MESH_TEXTURE.check(*size, name)
