@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.mesh_headers import check_map_file
 from oaisys_mapping.mesh import ColoredMesh
 
 HEADER_BYTES = 65_536
@@ -71,6 +72,7 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
 
     if not path.is_file():
         raise InvalidInputError(field, str(path), "an existing file")
+    check_map_file(path, field)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh = o3d.io.read_triangle_mesh(str(path))
     vertices_m = np.asarray(mesh.vertices, np.float64)

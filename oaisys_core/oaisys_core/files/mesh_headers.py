@@ -21,6 +21,10 @@ MOST_TEXT_BYTES = 500_000_000
 MOST_VERTICES = 20_000_000
 """Vertices, and triangles, of a mesh; each instance in a glTF scene counts."""
 
+MOST_MAP_VERTICES = 400_000_000
+MOST_MAP_BYTES = 16_000_000_000
+"""Likewise of the maps and true meshes that an evaluation reads."""
+
 MOST_NODES = 100_000
 MOST_NODE_DEPTH = 200
 _HEADER_BYTES = 65_536
@@ -34,8 +38,16 @@ _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 
 _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 
 
-def check_mesh_file(path: Path, field: str) -> None:
+def check_mesh_file(
+    path: Path, field: str, *, most_bytes: int = MOST_BYTES, most_elements: int = MOST_VERTICES
+) -> None:
     """Raise if a mesh file is too large, or announces more than it contains.
+
+    Args:
+        path: The file.
+        field: Name of the file's field in errors.
+        most_bytes: Size of a binary file.
+        most_elements: Vertices, and triangles, that a PLY or STL file may announce.
 
     Raises:
         InvalidInputError: With the file, the size and the bound.
@@ -45,15 +57,24 @@ def check_mesh_file(path: Path, field: str) -> None:
     try:
         with path.open("rb") as file:
             start = file.read(_HEADER_BYTES)
-        most = MOST_TEXT_BYTES if _is_text(suffix, start) else MOST_BYTES
+        most = MOST_TEXT_BYTES if _is_text(suffix, start) else most_bytes
         if size > most:
             raise ValueError(f"at most {most} bytes, not {size}")
         if start.startswith(b"ply"):
-            _check_ply(start, size)
+            _check_ply(start, size, most_elements)
         elif suffix == ".stl" and not start.lstrip().startswith(b"solid"):
-            _check_stl(start, size)
+            _check_stl(start, size, most_elements)
     except (OSError, ValueError, struct.error) as error:
         raise InvalidInputError(field, str(path), f"a {suffix} file of {error}") from error
+
+
+def check_map_file(path: Path, field: str) -> None:
+    """Raise likewise for the file of a map, or of a true mesh, which may be larger.
+
+    Raises:
+        InvalidInputError: With the file, the size and the bound.
+    """
+    check_mesh_file(path, field, most_bytes=MOST_MAP_BYTES, most_elements=MOST_MAP_VERTICES)
 
 
 def _is_text(suffix: str, start: bytes) -> bool:
@@ -64,7 +85,7 @@ def _is_text(suffix: str, start: bytes) -> bool:
     return suffix in (".obj", ".gltf")
 
 
-def _check_ply(start: bytes, size: int) -> None:
+def _check_ply(start: bytes, size: int, most: int) -> None:
     end = re.search(rb"\nend_header\r?\n", start)
     if end is None:
         raise ValueError(f"a header within {_HEADER_BYTES} bytes")
@@ -76,12 +97,13 @@ def _check_ply(start: bytes, size: int) -> None:
         name, _, count = lines[0].partition(b" ")
         number = int(count)
         row = max(1, sum(_ply_bytes(line, is_text) for line in lines[1:]))
-        if number > MOST_VERTICES:
-            raise ValueError(f"at most {MOST_VERTICES} of an element, not {number} {name.decode()}")
+        if number > most:
+            raise ValueError(f"at most {most} of an element, not {number} {name.decode()}")
         announced += number * row
     # The last number of a text needs no space after it.
     if announced > size + 1:
-        raise ValueError(f"as many elements as fit into its {size} bytes, not {announced} bytes")
+        expected = f"as many elements as fit into its {size} bytes (is it truncated?)"
+        raise ValueError(f"{expected}, not {announced} bytes")
 
 
 def _ply_bytes(line: bytes, is_text: bool) -> int:
@@ -94,10 +116,10 @@ def _ply_bytes(line: bytes, is_text: bool) -> int:
     return _PLY_TYPES.get(words[2] if words[1] == b"list" else words[1], 1)
 
 
-def _check_stl(start: bytes, size: int) -> None:
+def _check_stl(start: bytes, size: int, most: int) -> None:
     (count,) = struct.unpack_from("<I", start, 80)
-    if count > MOST_VERTICES:
-        raise ValueError(f"at most {MOST_VERTICES} triangles, not {count}")
+    if count > most:
+        raise ValueError(f"at most {most} triangles, not {count}")
     if 84 + 50 * count > size:
         raise ValueError(f"{84 + 50 * count} bytes for its {count} triangles, not {size}")
 

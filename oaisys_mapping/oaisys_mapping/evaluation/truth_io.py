@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.mesh_headers import check_map_file
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh_io import read_ply
 
@@ -59,6 +60,7 @@ def read_truth(path: Path) -> TriangleMesh:
     """
     if not path.is_file():
         raise InvalidInputError("truth", str(path), "an existing file")
+    check_map_file(path, "truth")
     with path.open("rb") as file:
         start = file.read(HEADER_BYTES)
         found = re.search(rb"element vertex (\d+)\n.*element face (\d+)\n", start, re.DOTALL)
