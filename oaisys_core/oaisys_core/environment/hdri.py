@@ -22,6 +22,9 @@ SUFFIXES = (".exr", ".hdr")
 KEPT = 4
 """Number of images that stay loaded; one of 8192 x 4096 pixels takes 0.4 GB."""
 
+MOST_KEPT = 2_000_000_000
+"""Bytes of those that stay loaded besides the last."""
+
 BRIGHTEST = 65504.0
 """Largest half float; it replaces infinite radiance."""
 
@@ -48,9 +51,12 @@ class SkyImages:
             radiance = read_radiance(config.file)
             self._kept[key] = SkyImage(config.file.stem, radiance, tuple(sorted(maps.items())))
         self._kept.move_to_end(key)
-        while len(self._kept) > KEPT:
+        while len(self._kept) > KEPT or (self._kept_bytes() > MOST_KEPT and len(self._kept) > 1):
             self._kept.popitem(last=False)
         return self._kept[key]
+
+    def _kept_bytes(self) -> int:
+        return sum(image.radiance.nbytes for image in self._kept.values())
 
 
 def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
@@ -77,9 +83,10 @@ def read_radiance(file: Path) -> NDArray[np.float32]:
         raise InvalidInputError("environment.hdri", str(file), f"a file {' or '.join(SUFFIXES)}")
     pixels = _read_exr(file) if file.suffix.lower() == ".exr" else _read_hdr(file)
     _check_layout(file, pixels)
-    # Some published images contain a few invalid pixels.
-    pixels = np.nan_to_num(pixels, nan=0.0, posinf=BRIGHTEST, neginf=0.0)
-    return np.ascontiguousarray(np.maximum(pixels, 0.0), dtype=np.float32)
+    radiance = np.ascontiguousarray(pixels, dtype=np.float32)
+    # Some published images contain a few invalid pixels. In place: a copy may take 1.6 GB.
+    np.nan_to_num(radiance, copy=False, nan=0.0, posinf=BRIGHTEST, neginf=0.0)
+    return np.maximum(radiance, 0.0, out=radiance)
 
 
 def _read_hdr(file: Path) -> NDArray[Any]:
