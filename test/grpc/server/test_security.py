@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import stat
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -380,6 +381,32 @@ def test_a_worker_imports_nothing_from_the_current_folder(
         client.step_batch()
         client.render_sample(NADIR, modalities=["depth"])
     assert not (trap / "sprung").exists()
+
+
+def test_hostile_files_in_the_asset_roots_are_refused_and_the_worker_lives(
+    confined: SimulatorClient, places: Path
+) -> None:
+    """What a request names lies where it may, but is a bomb, or leads elsewhere."""
+    assets = places / "assets"
+    header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(
+        ">IIBBBBB", 60_000, 60_000, 16, 0, 0, 0, 0
+    )
+    (assets / "bomb.png").write_bytes(header + bytes(100))
+    vrt = "<VRTDataset rasterXSize='4' rasterYSize='4'/>"
+    (assets / "vrt.tif").write_text(vrt)
+    (assets / "mesh.obj").write_text(
+        "mtllib ../private/secret\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    )
+    hostile = {
+        "60000 x 60000": {"dem": {"file": "bomb.png", "spacing_m": 1.0}},
+        "can be read": {"dem": {"file": "vrt.tif", "spacing_m": 1.0}},
+        "own folder or in the asset roots": {"mesh": {"file": "mesh.obj"}},
+    }
+    for expected, stage in hostile.items():
+        with pytest.raises(InvalidInputError, match=expected):
+            confined.step_batch(metadata=ModuleMetadata(custom={"stage": stage}))
+    confined.step_batch()
+    assert confined.info().worker_restarts == 0
 
 
 MAKE_BLEND = """
