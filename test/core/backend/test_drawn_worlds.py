@@ -1,0 +1,92 @@
+"""Worlds drawn from the whole configuration render without error, black ground, grain or holes.
+
+`python test/helpers/judge_worlds.py --worlds 500 --out DIR` draws as many as you like.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from blender_process import in_blender
+from drawn_worlds import drawn_world, make_files
+from numpy.typing import NDArray
+from world_judge import SPECKLE, standing_out
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.types import RGB, Frame, PinholeIntrinsics
+
+EVERY_DAY = range(1, 7)
+LONG = [range(first, first + 6) for first in range(11, 71, 6)]
+SOME, MANY = range(40), range(300)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the textures, heights and skies of drawn worlds."""
+    folder = tmp_path_factory.mktemp("drawn_worlds")
+    make_files(folder)
+    return folder
+
+
+def check(seeds: range, files: Path) -> None:
+    """Fail with each world's faults, and the world itself as YAML."""
+    found = in_blender("drawn.verdicts", list(seeds), files)
+    bad = {seed: verdict.faults for seed, verdict in found.items() if verdict.faults}
+    worlds = [yaml.safe_dump(drawn_world(seed, files), sort_keys=False) for seed in bad]
+    assert not bad, "\n".join([*(f"seed {seed}: {bad[seed]}" for seed in bad), *worlds])
+
+
+@pytest.mark.blender
+def test_drawn_worlds_look_right(files: Path) -> None:
+    check(EVERY_DAY, files)
+
+
+@pytest.mark.long
+@pytest.mark.blender
+@pytest.mark.parametrize("seeds", LONG, ids=lambda seeds: f"{seeds[0]}-{seeds[-1]}")
+def test_many_drawn_worlds_look_right(files: Path, seeds: range) -> None:
+    check(seeds, files)
+
+
+def test_drawn_worlds_are_valid_and_the_same_for_the_same_seed(files: Path) -> None:
+    for seed in SOME:
+        data = drawn_world(seed, files)
+        assert data == drawn_world(seed, files)
+        config_from_mapping(yaml.safe_load(yaml.safe_dump(data)))
+
+
+def test_all_of_the_schema_is_drawn(files: Path) -> None:
+    worlds = [drawn_world(seed, files) for seed in MANY]
+    layers = [layer for world in worlds for layer in world["materials"]["layers"]]
+    assert {len(world["materials"]["layers"]) for world in worlds} >= {1, 2, 3, 4, 8, 16}
+    assert {layer["anti_tiling"] for layer in layers} == {"none", "voronoi", "stochastic"}
+    assert any("folder" in layer and "tile_m" in layer for layer in layers)
+    for section, keys in {
+        "stage": {"preset", "dem", "mesh", "water", "detail", "surroundings"},
+        "materials": {"pools", "projection", "label_borders", "displacement", "variation"},
+        "assets": {"objects", "movers", "primitives", "rock_texture"},
+        "environment": {"haze", "clouds", "hdri", "lamps", "optical_depth", "ground_beyond"},
+        "sensors": {"stereo", "motion"},
+        "render": {"effects", "camera_look", "view_transform", "exposure_ev", "auto_exposure"},
+    }.items():
+        assert keys <= {key for world in worlds for key in world[section]}, section
+
+
+def picture(image: NDArray[np.uint8]) -> Frame:
+    """Return an image as a frame."""
+    camera = PinholeIntrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    return Frame("camera", RGB, image, camera, np.eye(4))
+
+
+def test_grain_stands_out_and_gradients_do_not() -> None:
+    smooth = np.linspace(40, 200, 64).astype(np.uint8)[None, :, None] * np.ones((48, 64, 3), "u1")
+    assert (standing_out(picture(smooth)) < SPECKLE).all()
+    grain = smooth.copy()
+    places = (np.arange(4, 44, 8)[:, None], np.arange(4, 60, 8))
+    grain[places] += 40
+    found = standing_out(picture(grain)) > SPECKLE
+    assert found[places].all()
+    assert found.sum() == found[places].size
