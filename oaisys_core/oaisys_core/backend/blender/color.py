@@ -25,6 +25,7 @@ from oaisys_core.backend.blender.camera import (
     shutter_motion,
 )
 from oaisys_core.backend.blender.cycles import Cycles, albedo_of
+from oaisys_core.backend.blender.ground_check import GroundCheck, GroundPlaces
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.objects.sky import Lights
 from oaisys_core.backend.blender.postprocessing import RenderResult
@@ -37,6 +38,7 @@ from oaisys_core.backend.blender.time_budget import (
 )
 from oaisys_core.backend.geometry_pass import BackgroundGeometry
 from oaisys_core.environment.light import white_gains
+from oaisys_core.errors import RenderError
 from oaisys_core.scene import Lens, PlacedCamera, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.types import PinholeIntrinsics
@@ -60,10 +62,14 @@ class ColorRenderer:
     """Renders colour and albedo with Blender's camera, in the time that is left for them.
 
     It learns from each view how much another one like it takes.
+
+    Attributes:
+        ground_check: Checks each image.
     """
 
     def __init__(self, cycles: Cycles, lights: Lights) -> None:
         self._cycles = cycles
+        self.ground_check = GroundCheck()
         self._lights = lights
         self._camera = new_camera()
         self._budget = TimeBudget()
@@ -81,6 +87,7 @@ class ColorRenderer:
         *,
         with_albedo: bool,
         geometry: BackgroundGeometry | None,
+        places: Future[GroundPlaces],
         ground: Future[PixelAlbedo | None] | None,
     ) -> ColorImages:
         """Return what a camera sees.
@@ -92,7 +99,11 @@ class ColorRenderer:
             seconds: How long it may take.
             with_albedo: Whether its albedo is wanted, too, from the same render.
             geometry: What another thread computes meanwhile.
+            places: Where the camera sees ground that reflects light.
             ground: The ground's albedo without noise, where colour becomes better by it.
+
+        Raises:
+            RenderError: See `Cycles.render_radiance`; or ground is black.
         """
         began_s = time.perf_counter()
         pinhole = rendered_pinhole(camera.intrinsics)
@@ -102,6 +113,7 @@ class ColorRenderer:
         started_s = time.perf_counter()
         with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
             light = self._cycles.render_radiance(settings, plan.sampling_s, with_albedo=with_albedo)
+        self._check(light, camera, places)
         denoising = denoising_quality_for(settings.samples)
         if settings.time_budget_s is not None:
             left_s = began_s + seconds - time.perf_counter()
@@ -124,9 +136,17 @@ class ColorRenderer:
         return ColorImages(images, samples, picture.exposure_ev)
 
     def albedo(
-        self, scene: Scene, camera: PlacedCamera, settings: RenderSettings, seconds: float
+        self,
+        scene: Scene,
+        camera: PlacedCamera,
+        settings: RenderSettings,
+        seconds: float,
+        places: Future[GroundPlaces],
     ) -> NDArray[np.uint8]:
-        """Return the reflectance that a camera sees, without depth of field or motion blur."""
+        """Return the reflectance that a camera sees, without depth of field or motion blur.
+
+        See `color`.
+        """
         pinhole = rendered_pinhole(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         self._aim(camera, pinhole, None)
@@ -136,11 +156,22 @@ class ColorRenderer:
         sharp = replace(camera, shutter_share=0.0, exposure_s=0.0)
         try:
             with moving(self._camera, shutter_motion(sharp, pinhole, pinhole)):
-                image = self._cycles.render_albedo(settings, plan.sampling_s)
+                found = self._cycles.render_albedo(settings, plan.sampling_s)
         finally:
             if scene.sky.haze is not None:
                 self._lights.set(scene.sky)
-        return camera_image(image, pinhole, camera.intrinsics)
+        self._check(found, camera, places)
+        return camera_image(albedo_of(found), pinhole, camera.intrinsics)
+
+    def _check(
+        self, found: RenderResult, camera: PlacedCamera, places: Future[GroundPlaces]
+    ) -> None:
+        """Raise if ground is black; Cycles starts anew then."""
+        try:
+            self.ground_check.check(places.result(), found, camera.name)
+        except RenderError:
+            self._cycles.free_persistent_data()
+            raise
 
     def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
         """Make Blender's camera one with such a lens, where ``camera`` stands."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.base import Device, RenderSettings
 from oaisys_core.backend.blender.compat import DIFFUSE_COLOR
+from oaisys_core.backend.blender.cycles_errors import noted_errors
 from oaisys_core.backend.blender.cycles_session import end_sampling
 from oaisys_core.backend.blender.devices import use_device
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
@@ -70,6 +71,8 @@ class Cycles:
         render.use_compositing = render.use_sequencer = False
         # The meter tells the sky by it.
         bpy.context.view_layer.use_pass_z = True
+        # For the denoiser, and to tell ground whose shader failed.
+        bpy.context.view_layer.cycles.denoising_store_passes = True
         render.threads_mode = "AUTO"
         cycles = scene.cycles
         cycles.use_adaptive_sampling = False
@@ -154,14 +157,14 @@ class Cycles:
         """Set Blender's exposure to that of the last picture, for a scene that is saved."""
         bpy.context.scene.view_settings.exposure = BASE_EXPOSURE_EV + self._last_exposure_ev
 
-    def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB-encoded albedo that the scene's camera sees.
+    def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
+        """Render the albedo that the scene's camera sees, see `albedo_of`.
 
         Raises:
             RenderError: See `render_radiance`.
         """
         with _diffuse_color_pass():
-            return albedo_of(self._render(settings, seconds, denoise=False))
+            return self._render(settings, seconds, denoise=False)
 
     def _show_as(self, settings: RenderSettings) -> None:
         """Set Blender's view transform, so that a saved scene looks like the images."""
@@ -174,10 +177,6 @@ class Cycles:
         if settings.device != self._wanted:
             self._wanted, self.device = settings.device, use_device(settings.device)
         denoise_after = denoise and self._denoiser() is not None
-        layer = bpy.context.view_layer.cycles
-        # Assigning even the same value marks the whole scene as changed.
-        if layer.denoising_store_passes != denoise_after:
-            layer.denoising_store_passes = denoise_after
         wanted: dict[str, Any] = {
             "samples": settings.samples,
             "time_limit": seconds,
@@ -191,8 +190,10 @@ class Cycles:
             wanted[f"{kind}_bounces"] = settings.max_bounces
         try:
             return render_scene(wanted)
-        except RuntimeError as error:
-            raise RenderError(f"Blender could not render: {error}") from error
+        except RenderError:
+            # Cycles keeps what failed, and would not say so again.
+            self.free_persistent_data()
+            raise
 
     def _prepare_pattern(self, samples: int) -> None:
         """Have Cycles start anew where its table of the sampling pattern is too long.
@@ -235,13 +236,18 @@ def render_scene(settings: Mapping[str, Any]) -> RenderResult:
     written into the copy as well.
 
     Raises:
+        RenderError: Blender failed, or Cycles logged an error.
         OaisysError: The render was no longer wanted.
-        RuntimeError: Blender failed.
     """
     _write(settings, bpy.context.scene.cycles)
     rendered = RenderResult()
-    with _intercepted(settings, rendered), _counted(rendered), _without_c_output():
-        bpy.ops.render.render()
+    try:
+        with _intercepted(settings, rendered), _counted(rendered), _without_c_output():
+            bpy.ops.render.render()
+    except RuntimeError as error:
+        raise RenderError(f"Blender could not render: {error}") from error
+    if rendered.errors:
+        raise RenderError(f"Cycles: {'; '.join(rendered.errors)}")
     stop_if_unwanted()
     return rendered
 
@@ -256,7 +262,9 @@ def _intercepted(settings: Mapping[str, Any], rendered: RenderResult) -> Iterato
             # Clears the marks of change, for which Cycles would visit every object and instance;
             # it updates the camera in any case.
             depsgraph.update()
-        update(engine, data, depsgraph)
+        with noted_errors() as errors:
+            update(engine, data, depsgraph)
+        rendered.errors += errors
 
     def render_and_read(engine: Any, depsgraph: Any) -> None:
         def stop() -> None:
@@ -264,8 +272,9 @@ def _intercepted(settings: Mapping[str, Any], rendered: RenderResult) -> Iterato
             if rendered.sampling_began_s:
                 end_sampling(engine.session)
 
-        with stopped_by(stop):
+        with noted_errors() as errors, stopped_by(stop):
             render(engine, depsgraph)
+        rendered.errors += errors
         result = engine.get_result()
         if result is not None:
             rendered.passes = _passes_of(result)

@@ -83,7 +83,7 @@ def end_sampling(session: int) -> None:
 @cache
 def _cancel_function() -> Callable[[c_void_p, bool], None] | None:
     """Return ``ccl::Session::cancel``; None where it is not known."""
-    library = _loaded_library() if bpy.app.version[:2] in KNOWN_VERSIONS else None
+    library = loaded_library() if bpy.app.version[:2] in KNOWN_VERSIONS else None
     value = None if library is None else symbol_value(library[1], CANCEL_SYMBOL)
     if library is None or value is None:
         _LOG.warning("a render of Blender %s cannot be ended early", bpy.app.version_string)
@@ -91,7 +91,7 @@ def _cancel_function() -> Callable[[c_void_p, bool], None] | None:
     return CFUNCTYPE(None, c_void_p, c_bool)(library[0] + value)
 
 
-def _loaded_library() -> tuple[int, Path] | None:
+def loaded_library() -> tuple[int, Path] | None:
     """Return the address at which Blender's library is loaded, and its file."""
     for mapping in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
         addresses, *_, path = mapping.split(maxsplit=5)

@@ -132,12 +132,14 @@ class RenderResult:
         passes: (H, W, channels) scene-linear float32 by Blender's name, top row first.
         samples: Samples per pixel that were taken; 0: not reported.
         sampling_began_s, sampling_ended_s: By `time.perf_counter`; 0: not reported.
+        errors: What Cycles has logged as errors.
     """
 
     passes: dict[str, Image] = field(default_factory=dict)
     samples: int = 0
     sampling_began_s: float = 0.0
     sampling_ended_s: float = 0.0
+    errors: list[str] = field(default_factory=list)
 
 
 def pass_of(rendered: RenderResult, name: str) -> Image:

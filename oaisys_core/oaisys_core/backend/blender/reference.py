@@ -92,8 +92,6 @@ def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]
             for owner, values in changes:
                 stack.enter_context(_temporarily(owner, values))
             return render_scene(settings).passes
-    except RuntimeError as error:
-        raise RenderError(f"Blender could not render: {error}") from error
     finally:
         for aov in aovs:
             layer.aovs.remove(aov)

@@ -182,6 +182,11 @@ class BlenderBackend(Backend):
                 for camera, modalities, chosen in colors
                 if RGB in modalities and self._has_use_of_albedo(camera, chosen)
             }
+            check = self._colors.ground_check
+            places = {
+                camera.name: geometry.then(partial(check.places, self._built(), camera))
+                for camera, _, _ in colors
+            }
             if any(set(camera.modalities) - COLORS for camera in cameras):
                 yield geometry.group
             for index, (camera, modalities, chosen) in enumerate(colors):
@@ -195,12 +200,14 @@ class BlenderBackend(Backend):
                         left_s,
                         with_albedo=ALBEDO in modalities,
                         geometry=None if index else geometry,
+                        places=places[camera.name],
                         ground=ground.get(camera.name),
                     )
                     self._note(camera, found)
                     images = found.images
                 else:
-                    images = [self._colors.albedo(scene, camera, chosen, left_s)]
+                    seen = places[camera.name]
+                    images = [self._colors.albedo(scene, camera, chosen, left_s, seen)]
                 geometry.group.result()
                 yield FrameGroup.of(
                     [frame_of(camera, *each) for each in zip(modalities, images, strict=True)]
