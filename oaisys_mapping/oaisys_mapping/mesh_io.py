@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.mesh_headers import check_map_file
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.whole_files import whole_file
 
 HEADER_BYTES = 65_536
 """Bytes at the start of a file in which its header is searched."""
@@ -22,7 +23,7 @@ PLY_TYPES = {"<f4": "float", "u1": "uchar", "<u2": "ushort"}
 
 
 def write_ply(path: Path, mesh: ColoredMesh, class_names: Mapping[int, str] | None = None) -> None:
-    """Write a mesh as binary PLY with a colour per vertex; inverse: `read_ply`.
+    """Write a mesh, whole or not at all, as binary PLY with colours; inverse: `read_ply`.
 
     Coordinates are stored as float32. If the mesh has classes, vertices have the properties
     ``class_id`` (ushort) and ``class_probability`` (float), and comments ``class ID NAME`` give
@@ -53,7 +54,8 @@ def write_ply(path: Path, mesh: ColoredMesh, class_names: Mapping[int, str] | No
         f"element face {len(face)}\n"
         "property list uchar int vertex_indices\nend_header\n"
     )
-    path.write_bytes(header.encode("utf-8") + vertex.tobytes() + face.tobytes())
+    with whole_file(path) as partial:
+        partial.write_bytes(header.encode("utf-8") + vertex.tobytes() + face.tobytes())
 
 
 def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:

@@ -150,7 +150,8 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
     expected = [(n, 4 * i, PointField.FLOAT32, 1) for i, n in enumerate(("x", "y", "z", "rgb"))]
     if layout != expected or msg.is_bigendian or msg.point_step != CLOUD_POINT.itemsize:
         raise InvalidInputError("cloud.fields", layout, f"little-endian {expected}")
-    if len(msg.data) != CLOUD_POINT.itemsize * msg.width * msg.height:
+    row_bytes = CLOUD_POINT.itemsize * msg.width
+    if msg.row_step != row_bytes or len(msg.data) != row_bytes * msg.height:
         raise InvalidInputError("cloud.data", len(msg.data), f"16 x {msg.width} x {msg.height}")
     cloud = np.frombuffer(msg.data, dtype=CLOUD_POINT).reshape(msg.height, msg.width)
     points_m = np.stack([cloud[name] for name in "xyz"], axis=-1)

@@ -53,6 +53,8 @@ OPENCV_TYPES: dict[str, np.dtype[Any]] = {
 }
 """Pixel types by their names in OpenCV."""
 MOST_CHANNELS = 4
+MOST_PIXELS = 65_536
+"""Width and height of an image."""
 
 FORMAT_BY_ENCODING: dict[str, PixelFormat] = {
     "rgb8": PixelFormat(np.dtype(np.uint8), 3),
@@ -193,6 +195,11 @@ def intrinsics_from_msg(msg: CameraInfo) -> PinholeIntrinsics:
             the model plumb_bob nor equidistant, or not invertible.
     """
     checked_type(msg, CameraInfo, "camera_info")
+    if not np.isfinite([*msg.k, *msg.d]).all():
+        raise InvalidInputError("camera_info", [*msg.k, *msg.d], "finite numbers in k and d")
+    if not (0 < msg.width <= MOST_PIXELS and 0 < msg.height <= MOST_PIXELS):
+        size = (msg.width, msg.height)
+        raise InvalidInputError("camera_info", size, f"1 to {MOST_PIXELS} pixels a side")
     K = np.asarray(msg.k).reshape(3, 3)
     distortion = tuple(float(value) for value in msg.d) if np.any(np.asarray(msg.d)) else ()
     model = EQUIDISTANT if msg.distortion_model == EQUIDISTANT else PLUMB_BOB
@@ -254,6 +261,9 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
         InvalidInputError: Unknown encoding, or sizes that do not agree with each other.
     """
     checked_type(msg, Image, "image")
+    if not (0 < msg.width <= MOST_PIXELS and 0 < msg.height <= MOST_PIXELS):
+        size = (msg.width, msg.height)
+        raise InvalidInputError("image", size, f"1 to {MOST_PIXELS} pixels a side")
     plain, channels = _format_of(msg.encoding)
     dtype: np.dtype[Any] = plain.newbyteorder(">" if msg.is_bigendian else "<")
     row_bytes = dtype.itemsize * channels * msg.width

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
 import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from oaisys_core.errors import quoted
 
 if TYPE_CHECKING:
     import yaml
@@ -84,6 +87,55 @@ def parse_json(text: str | bytes) -> Any:
     if raw.count(b"[") + raw.count(b"{") > MOST_DEPTH:
         _check_depth(data)
     return data
+
+
+def parse_plain_json(text: str) -> Any:
+    """Return the data in a JSON text that a program has sent, where nothing is ambiguous.
+
+    Raises:
+        DocumentError: It is not JSON, larger than `MOST_TEXT_BYTES`, nested too deep, has a key
+            twice, a number that is not finite as a float, or a character that UTF-8 has not.
+    """
+    if len(text) > MOST_TEXT_BYTES:
+        raise DocumentError(f"it has {len(text)} characters, more than {MOST_TEXT_BYTES}")
+    if text.count("[") + text.count("{") > MOST_VALUES:
+        raise DocumentError(f"it has more than {MOST_VALUES} values")
+    try:
+        data = json.loads(
+            text,
+            object_pairs_hook=_without_repeats,
+            parse_constant=_finite,
+            parse_float=_finite,
+            parse_int=_whole,
+        )
+        json.dumps(data, ensure_ascii=False).encode()
+    except RecursionError:
+        raise DocumentError(f"it is nested more than {MOST_DEPTH} times") from None
+    except ValueError as error:
+        raise DocumentError(str(error)) from error
+    _check_depth(data)
+    return data
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DocumentError(f"the key {quoted(twice)} stands there twice")
+    return found
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise DocumentError(f"{quoted(text)} is not a finite number")
+    return number
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _check_depth(data: Any) -> None:

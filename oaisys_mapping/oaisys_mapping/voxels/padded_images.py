@@ -13,6 +13,11 @@ from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.voxels.config import TsdfConfig
 
+LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
+"""Bounds of focal lengths and of the principal point, in image widths; those of the simulator."""
+FARTHEST_M = 1e7
+"""Distance of a camera from the map's origin; the numbers of blocks farther away have no room."""
+
 UNKNOWN_M = -1e9
 """Depth of pixels without a measurement: every voxel is far behind it. NaN would spread."""
 
@@ -89,8 +94,20 @@ def check_view(
     if not camera.is_rectilinear:
         received = (camera.distortion_model, camera.distortion)
         raise InvalidInputError("intrinsics.distortion", received, "a pinhole without any")
+    least_px, most_px = (factor * camera.width_px for factor in (LEAST_FOCAL, MOST_FOCAL))
+    if not all(least_px <= focal_px <= most_px for focal_px in (camera.fx_px, camera.fy_px)):
+        expected = f"focal lengths from {least_px:g} to {most_px:g} pixels"
+        raise InvalidInputError("intrinsics", (camera.fx_px, camera.fy_px), expected)
+    if max(abs(camera.cx_px), abs(camera.cy_px)) > MOST_CENTRE * camera.width_px:
+        expected = f"a principal point within {MOST_CENTRE:g} image widths"
+        raise InvalidInputError("intrinsics", (camera.cx_px, camera.cy_px), expected)
     if np.shape(T_map_camera) != (4, 4) or not np.isfinite(T_map_camera).all():
         raise InvalidInputError("T_map_camera", T_map_camera, "a finite (4, 4) transform")
+    if np.abs(T_map_camera[:3, 3]).max() > FARTHEST_M:
+        received = T_map_camera[:3, 3].tolist()
+        raise InvalidInputError(
+            "T_map_camera", received, f"at most {FARTHEST_M:g} m from the origin"
+        )
 
 
 def padded_images(

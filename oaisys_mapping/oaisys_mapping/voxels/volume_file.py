@@ -31,6 +31,7 @@ from oaisys_core.files.arrays import load_arrays
 from oaisys_mapping.voxels.block_cache import BlockCache
 from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS, VOXELS, BlockCoordinates, VoxelField
 from oaisys_mapping.voxels.config import TsdfConfig
+from oaisys_mapping.whole_files import whole_file
 
 FORMAT = "oaisys tsdf 1"
 
@@ -66,7 +67,6 @@ class VolumeHeader:
 
 def write_volume(path: Path, header: VolumeHeader, grids: Mapping[str, BlockCache]) -> None:
     """Write a volume's grids by name, completely or not at all."""
-    partial = path.with_name(path.name + ".part")
     header_arrays: dict[str, Any] = {
         "format": np.array(FORMAT),
         "voxel_size_m": np.array(header.voxel_size_m),
@@ -74,15 +74,11 @@ def write_volume(path: Path, header: VolumeHeader, grids: Mapping[str, BlockCach
         "frames": np.array(header.frames, np.int64),
         "free": header.free,
     }
-    try:
-        with zipfile.ZipFile(partial, "w") as archive:
-            for name, array in header_arrays.items():
-                _write_array(archive, name, array.shape, array.dtype, [array])
-            for name, grid in grids.items():
-                _write_grid(archive, name, grid)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as partial, zipfile.ZipFile(partial, "w") as archive:
+        for name, array in header_arrays.items():
+            _write_array(archive, name, array.shape, array.dtype, [array])
+        for name, grid in grids.items():
+            _write_grid(archive, name, grid)
 
 
 MOST_VOLUME_BYTES = 16_000_000_000

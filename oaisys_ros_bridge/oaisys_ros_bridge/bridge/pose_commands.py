@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -15,11 +16,13 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from oaisys_core.errors import CancelledError, OaisysError
 from oaisys_msgs.action import Sweep
+from oaisys_ros_bridge.bags.losses import MissingNumbers
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import (
     Cancellation,
     ViewRequest,
+    check_count,
     checked_frame,
     poses_of_trajectory,
 )
@@ -32,7 +35,9 @@ class PoseCommands:
 
     A newer command replaces what is left of the one before as soon as it comes; the view that is
     being rendered is finished first. The poses that are left are kept here: the middleware's queue
-    of one message cannot let a pose replace a trajectory, which comes on another topic.
+    of one message cannot let a pose replace a trajectory, which comes on another topic. Commands
+    that a newer one has replaced in that queue are counted as dropped, too, by the gaps in the
+    numbers of a topic's only publisher.
 
     Args:
         node: The bridge.
@@ -45,6 +50,7 @@ class PoseCommands:
         self._settings = settings
         self._node = node
         self._lock = threading.Lock()
+        self._missing_numbers = MissingNumbers()
         self._poses: deque[PoseStamped] = deque()
         self._has_come = node.create_guard_condition(
             self._render, callback_group=MutuallyExclusiveCallbackGroup()
@@ -55,11 +61,21 @@ class PoseCommands:
             (MultiDOFJointTrajectory, "command/trajectory", self._on_trajectory),
         )
         for kind, name, callback in commands:
-            node.create_subscription(kind, name, callback, NEWEST_QOS, callback_group=group)
+            counted = partial(self._on_command, node.resolve_topic_name(name), callback)
+            node.create_subscription(kind, name, counted, NEWEST_QOS, callback_group=group)
 
     def clear(self) -> None:
         """Drop all poses."""
         self._replace(())
+
+    def _on_command(
+        self, topic: str, callback: Callable[[Any], None], message: Any, info: dict[str, int]
+    ) -> None:
+        missing = self._missing_numbers.before(topic, info["publication_sequence_number"])
+        if missing and self._node.count_publishers(topic) == 1:
+            with self._lock:
+                self._renderer.counts.dropped_commands += missing
+        callback(message)
 
     def _on_pose(self, pose: PoseStamped) -> None:
         self._replace([pose])
@@ -104,6 +120,7 @@ def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
 
     def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Sweep.Result) -> None:
         array = goal.request.poses
+        check_count("poses.poses", array.poses)
         # What readers have yet to find missing of earlier samples is not this goal's loss.
         renderer.readers.wait_until_taken(cancellation)
         before = renderer.readers.states()

@@ -21,11 +21,14 @@ from oaisys_core.errors import (
     one_of,
     one_of_keys,
 )
-from oaisys_core.files.documents import parse_json
+from oaisys_core.files.documents import parse_plain_json
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo, TimedPoses
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.conversions import pose_from_msg
+
+MOST_POSES = 100_000
+"""Of a sweep or a trajectory: some days of rendering."""
 
 MODULES = ("sensor", "environment", "asset", "render", "custom")
 _VIEW_FIELDS = ("modalities", "sensors")
@@ -136,6 +139,12 @@ def checked_frame(frame: str, field: str, map_frame: str) -> None:
         raise InvalidInputError(field, frame, f"{map_frame!r} or empty")
 
 
+def check_count(field: str, poses: Sequence[Any]) -> None:
+    """Raise `InvalidInputError` where a request has more than `MOST_POSES` poses."""
+    if len(poses) > MOST_POSES:
+        raise InvalidInputError(field, f"{len(poses)} poses", f"at most {MOST_POSES}")
+
+
 def poses_of_trajectory(
     trajectory: MultiDOFJointTrajectory, points: str, map_frame: str
 ) -> list[PoseStamped]:
@@ -150,6 +159,7 @@ def poses_of_trajectory(
         InvalidInputError: Wrong frame, no points, or a point without a transform.
     """
     checked_frame(trajectory.header.frame_id, "trajectory.header.frame_id", map_frame)
+    check_count("trajectory.points", trajectory.points)
     if not trajectory.points:
         raise InvalidInputError("trajectory.points", [], "at least one point")
     for index, point in enumerate(trajectory.points):
@@ -170,7 +180,7 @@ def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
     Raises:
         InvalidInputError: Wrong frame, a point without a transform, or no JSON object.
     """
-    changes = _json_object("drive_json", goal.drive_json) if goal.drive_json.strip() else {}
+    changes = json_object("drive_json", goal.drive_json) if goal.drive_json.strip() else {}
     trajectory = goal.trajectory
     if not trajectory.points:
         return DriveRequest(None, changes, list(goal.sensors))
@@ -199,7 +209,7 @@ def metadata_of_module(module: str, metadata_json: str) -> ModuleMetadata:
     """
     if module not in MODULES:
         raise InvalidInputError("module", module, one_of(MODULES, module))
-    return _metadata({module: _json_object("metadata_json", metadata_json)})
+    return _metadata({module: json_object("metadata_json", metadata_json)})
 
 
 def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
@@ -210,7 +220,7 @@ def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
     """
     if not metadata_json.strip():
         return None
-    by_module = _json_object("metadata_json", metadata_json)
+    by_module = json_object("metadata_json", metadata_json)
     for module, part in by_module.items():
         if module not in MODULES:
             raise InvalidInputError(f"metadata_json.{module}", part, one_of_keys(MODULES, module))
@@ -219,9 +229,14 @@ def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
     return _metadata(by_module)
 
 
-def _json_object(field: str, text: str) -> dict[str, Any]:
+def json_object(field: str, text: str) -> dict[str, Any]:
+    """Return the JSON object in a text of a request.
+
+    Raises:
+        InvalidInputError: It is none, or beyond the bounds of `parse_plain_json`.
+    """
     try:
-        value = parse_json(text)
+        value = parse_plain_json(text)
     except ValueError as error:
         raise InvalidInputError(field, text, f"a JSON object ({error})") from None
     if not isinstance(value, dict):

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from oaisys_core.types import SimulatorInfo
@@ -44,6 +45,7 @@ class BridgeStatus:
         self._settings = settings
         self._ready_lock = threading.Lock()
         self._is_ready: bool | None = None
+        self._namesakes = 0
         self._ready = node.create_publisher(Bool, "~/ready", LATCHED_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
@@ -77,9 +79,13 @@ class BridgeStatus:
             level, message = DiagnosticStatus.ERROR, reason or state_name
         if self._is_ready:
             level, message = DiagnosticStatus.OK, "ready"
+        if namesakes := self._count_namesakes():
+            level = max(level, DiagnosticStatus.WARN)
+            message += f"; {namesakes} other nodes have the name {own_name(self._node)}"
         values = {
             "address": address,
             "lifecycle_state": state_name,
+            "nodes_of_this_name": 1 + namesakes,
             **_link_values(link),
             **self._renderer_values(),
             "memory_mb": resident_mb(),
@@ -90,6 +96,19 @@ class BridgeStatus:
             values[f"{SUBSCRIBERS}{publisher.topic_name}"] = publisher.get_subscription_count()
         name = f"{self._node.get_name()}: simulator"
         return _status(name, address, level, message, values)
+
+    def _count_namesakes(self) -> int:
+        """Return how many other nodes have this one's name; requests may reach any of them."""
+        name = own_name(self._node)
+        nodes = self._node.get_node_names_and_namespaces()
+        found = max(0, sum(f"{space.rstrip('/')}/{each}" == name for each, space in nodes) - 1)
+        if found > self._namesakes:
+            self._node.get_logger().warning(
+                f"{found} other nodes have the name {name}: requests may reach any of them. "
+                "End them, or give each a namespace of its own (-r __ns:=/mars)"
+            )
+        self._namesakes = found
+        return found
 
     def _renderer_values(self) -> dict[str, object]:
         counts = self._renderer.counts
@@ -111,6 +130,11 @@ class BridgeStatus:
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
         message = "; ".join(wrong) or "nothing is lost"
         return _status(f"{self._node.get_name()}: readers", address, level, message, values)
+
+
+def own_name(node: Node) -> str:
+    """Return the full name of a node."""
+    return str(node.get_fully_qualified_name())
 
 
 def _link_values(link: SimulatorLink | None) -> dict[str, object]:

@@ -238,8 +238,9 @@ class Fusion:
             if frame.labels is not None:
                 labels = rectified_labels(frame.labels, frame.intrinsics)
             self._volume.integrate(depth_m, rgb, camera, frame.T_map_camera, labels)
-        except OaisysError as error:
-            self._on_error(str(error))
+        except Exception as error:  # noqa: BLE001 - without this thread nothing is fused any more
+            known = isinstance(error, OaisysError)
+            self._on_error(str(error) if known else f"a frame cannot be fused: {error!r}")
             self._count(dropped=1)
             return NOT_FUSED
         self._views.append(PosedCamera(camera, frame.T_map_camera))

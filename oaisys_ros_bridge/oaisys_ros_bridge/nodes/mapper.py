@@ -144,7 +144,7 @@ class MapperNode(ParameterNode, Node):
                 write_ply(
                     path, mesh, self._inputs.class_names if mesh.class_ids is not None else None
                 )
-        except (OaisysError, OSError) as error:
+        except (OaisysError, OSError, ValueError) as error:  # the last of a path with a NUL
             response.message = str(error)
             return response
         response.success = True
@@ -179,7 +179,7 @@ class MapperNode(ParameterNode, Node):
                         classes=volume if self._config.semantic else None,
                     ),
                 )
-        except OaisysError as error:
+        except (OaisysError, OSError, ValueError) as error:
             response.message = str(error)
             return response
         self._metrics_json = json.dumps(found.metrics.to_dict())

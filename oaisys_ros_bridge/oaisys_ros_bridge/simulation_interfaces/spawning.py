@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlparse
 from simulation_interfaces.msg import Resource
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import parse_json
+from oaisys_core.files.documents import parse_plain_json
 
 MESH_FORMATS = ("obj", "glb", "ply", "blend")
 SPAWN_FORMATS = (*MESH_FORMATS, "json")
@@ -43,7 +43,7 @@ def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
     if resource.uri:
         return _labelled(_of_uri(resource.uri), labels)
     try:
-        spec = parse_json(resource.resource_string)
+        spec = parse_plain_json(resource.resource_string)
     except ValueError as error:
         expected = f"a JSON object ({error})"
         raise InvalidInputError("resource_string", resource.resource_string, expected) from None

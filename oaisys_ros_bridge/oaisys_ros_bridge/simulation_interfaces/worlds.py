@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import parse_json
+from oaisys_core.files.documents import parse_plain_json
 from oaisys_core.types import ModuleMetadata
 from oaisys_ros_bridge.bridge.requests import metadata_of_modules
 
@@ -51,7 +51,7 @@ def world_from_json(text: str) -> WorldRequest:
         InvalidInputError: Not such an object.
     """
     try:
-        value = parse_json(text)
+        value = parse_plain_json(text)
     except ValueError as error:
         raise InvalidInputError("resource_string", text, f"a JSON object ({error})") from None
     if not isinstance(value, dict) or not value.keys() <= KEYS:

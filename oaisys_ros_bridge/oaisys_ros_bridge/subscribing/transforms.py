@@ -13,6 +13,8 @@ HISTORY = 256
 """Different poses in a row that are kept of each moving frame."""
 MOST_STAMPS = 65_536
 """Stamps that are kept of each moving frame: a repeated pose has many."""
+MOST_FRAMES = 10_000
+"""Frames that are kept, fixed and moving ones; further names are refused."""
 
 
 class _FrameHistory:
@@ -55,12 +57,23 @@ class FrameBuffer:
         self._moving: dict[str, _FrameHistory] = {}
 
     def set_static(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Set a transform that holds at all times."""
+        """Set a transform that holds at all times; `InvalidInputError`: too many frames."""
+        self._require_room(child)
         self._static[child] = (parent, T_parent_child)
 
     def set_at(self, stamp_ns: int, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Set a transform that holds at ``stamp_ns``; the oldest are removed."""
+        """Set a transform that holds at ``stamp_ns``; the oldest are removed.
+
+        Raises:
+            InvalidInputError: There are too many frames.
+        """
+        self._require_room(child)
         self._moving.setdefault(child, _FrameHistory()).add(stamp_ns, parent, T_parent_child)
+
+    def _require_room(self, child: str) -> None:
+        known = child in self._static or child in self._moving
+        if not known and len(self._static) + len(self._moving) >= MOST_FRAMES:
+            raise InvalidInputError("child_frame_id", child, f"at most {MOST_FRAMES} frames")
 
     def lookup(self, target: str, source: str, stamp_ns: int) -> FloatArray | None:
         """Return ``T_target_source`` (4, 4) at a stamp; None if it is not known (yet).
