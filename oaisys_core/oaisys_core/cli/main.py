@@ -14,11 +14,12 @@ import sys
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points, version
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
+from oaisys_core.cli.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 
 COMMAND_GROUP = "oaisys.commands"
@@ -28,6 +29,15 @@ PLAIN_HELP = None
 EXIT_FAILED = 1
 EXIT_INVALID_INPUT = 2
 EXIT_INTERRUPTED = 130
+
+IN_CHILD = frozenset(
+    {"audit", "certificate", "dataset", "drive", "evaluate", "heights", "render", "repeat"}
+)
+"""Commands that work in a child process, see `oaisys_core.cli.signals`; others that take long
+start and end processes of their own, and handle signals themselves."""
+
+GRACE_S = {"drive": 5.0}
+"""How long a command may take to complete its files at a signal; a drive closes its bag."""
 
 
 class _Commands(TyperGroup):
@@ -54,6 +64,12 @@ class _InstalledCommands(_Commands):
             received, *choices = re.findall("'([^']*)'", error.message) or [""]
             error.message += did_you_mean(received, choices)
             raise
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command; before it is imported, a long one goes on in a child process."""
+        if _is_program and args[0] in IN_CHILD and "--help" not in args:
+            work_in_child(args[0], GRACE_S.get(args[0], 0.0))
+        return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         entry = _installed().get(cmd_name)
@@ -126,6 +142,22 @@ def _configure(
     """Interactive OAISYS: photorealistic terrain for planners, one sample at a time."""
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+
+
+_is_program = False
+
+
+def run_program() -> NoReturn:
+    """Run `main` as a program of its own, which ends at a signal with 128 and its number."""
+    global _is_program
+    _is_program = True
+    received = interrupt_at_signals()
+    try:
+        main()
+    finally:
+        if received:
+            end_at_signal(received[0])
+    sys.exit(0)
 
 
 def main() -> None:

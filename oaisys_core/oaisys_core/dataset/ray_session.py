@@ -19,7 +19,9 @@ from typing import Any
 
 from oaisys_core.dataset import session_guard
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+from oaisys_core.leftovers import temporary_folder
 from oaisys_core.python_programs import python_environment
+from oaisys_core.socket_paths import socket_parent
 
 ADDRESS_VARIABLE = "RAY_ADDRESS"
 """Environment variable with the address of a cluster, as Ray itself reads it."""
@@ -43,8 +45,12 @@ WORKER_START_S = 300.0
 """Longest time until the first worker of an embedded Ray begins; it takes seconds on an idle
 machine, and Ray itself would start workers that die at once again and again, for ever."""
 
-LONGEST_FOLDER = 40
-"""Longest path of a temporary folder; the paths of Ray's sockets in it have at most 107 bytes."""
+FOLDER = "oaisys_ray_"
+"""How the name of Ray's temporary folder begins."""
+
+LONGEST_SOCKET_BYTES = len("/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store.12")
+"""Of the paths of Ray's sockets in its folder; the number before them is a process's, and a second
+try has another ending."""
 
 _log = logging.getLogger(__name__)
 
@@ -176,16 +182,17 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
     """
     for left in reversed(range(STARTS)):
         try:
-            ray.init(
-                address=address,
-                num_cpus=workers,
-                include_dashboard=False,
-                job_config=_job_config(ray),
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                _memory=workers * settings.memory_bytes,
-                _temp_dir=str(folder),
-            )
+            with _temporary_files_in(folder):
+                ray.init(
+                    address=address,
+                    num_cpus=workers,
+                    include_dashboard=False,
+                    job_config=_job_config(ray),
+                    log_to_driver=False,
+                    logging_level=logging.ERROR,
+                    _memory=workers * settings.memory_bytes,
+                    _temp_dir=str(folder),
+                )
         except Exception as error:  # Ray raises this very class if its daemons take too long
             logs = "" if left else _kept_logs(folder)
             ray.shutdown()
@@ -231,6 +238,19 @@ def _job_config(ray: Any) -> Any:
             return True
 
     return SafePathConfig()
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Have what is started make its temporary files in a folder: killed workers leave them."""
+    before = os.environ.get("TMPDIR")
+    os.environ["TMPDIR"] = str(folder)
+    try:
+        yield
+    finally:
+        os.environ.pop("TMPDIR")
+        if before is not None:
+            os.environ["TMPDIR"] = before
 
 
 def _kept_logs(folder: Path) -> str:
@@ -294,16 +314,19 @@ def _check_reachable(address: str) -> None:
 @contextmanager
 def _guarded_folder() -> Iterator[Path]:
     """Yield a folder for Ray; at its end, or if this process dies, all that uses it is ended."""
-    parent = tempfile.gettempdir()
-    if len(parent) > LONGEST_FOLDER:
-        parent = "/tmp"  # noqa: S108
-    folder = Path(tempfile.mkdtemp(prefix="oaisys_ray_", dir=parent))
+    parent = socket_parent(len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES)
+    with temporary_folder(FOLDER, parent) as folder, _guarded(folder):
+        yield folder
+
+
+@contextmanager
+def _guarded(folder: Path) -> Iterator[None]:
     command = [sys.executable, "-I", "-S", session_guard.__file__, str(folder)]
     guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     # Set after the guard has started, so that it is not marked itself.
     os.environ[session_guard.MARK] = str(folder)
     try:
-        yield folder
+        yield
     finally:
         del os.environ[session_guard.MARK]
         try:

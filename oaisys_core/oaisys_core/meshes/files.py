@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import tempfile
 import time
 from collections import OrderedDict
 from collections.abc import Iterable
@@ -27,6 +26,7 @@ from oaisys_core.files.mesh_headers import (
 )
 from oaisys_core.files.references import folders_of, outside_error
 from oaisys_core.interruption import stop_if_unwanted
+from oaisys_core.leftovers import temporary_folder
 from oaisys_core.meshes.checks import check_mesh, check_uv, local_origin
 from oaisys_core.meshes.references import FileReferences, check_texture
 from oaisys_core.python_programs import python_command, python_environment
@@ -233,8 +233,8 @@ def _colors_of(mesh: LoadedMesh) -> NDArray[np.uint8] | None:
 
 
 def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
-    with tempfile.TemporaryDirectory(prefix="oaisys-") as folder:
-        found = _read_blend(path, object_name, field, Path(folder))
+    with temporary_folder("oaisys-") as folder:
+        found = _read_blend(path, object_name, field, folder)
     if "outside" in found:
         raise outside_error(path, str(found["outside"]), field)
     if "names" in found:

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from oaisys_core.errors import RenderError
+from oaisys_core.leftovers import removed_when_killed
 
 
 @contextmanager
@@ -20,15 +21,16 @@ def whole(path: Path) -> Iterator[Path]:
         RenderError: It could not be written; ``path`` is unchanged.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        part.replace(path)
-    except OSError as error:
-        raise RenderError(f"{path}: could not be written: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+    with removed_when_killed(part):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield part
+            part.replace(path)
+        except OSError as error:
+            raise RenderError(f"{path}: could not be written: {error.strerror or error}") from error
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
-import tempfile
+import secrets
 import time
 import zipfile
 import zlib
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.files.arrays import load_arrays
+from oaisys_core.leftovers import removed_when_killed
 from oaisys_core.scene import PbrMaps
 
 LOG = logging.getLogger(__name__)
@@ -109,18 +110,17 @@ def read(path: Path, name: str, size_px: int) -> PbrMaps | None:
 
 def write(path: Path, maps: PbrMaps) -> None:
     """Write a texture set to the cache, and remove the least recently used ones over the limit."""
-    partial: Path | None = None
+    partial = path.with_name(f"{secrets.token_hex(8)}{PARTIAL}")
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=PARTIAL, delete=False) as file:
-            partial = Path(file.name)
-            arrays = {kind: getattr(maps, kind) for kind in KINDS}
-            np.savez(file, tile_m=np.array(maps.tile_m), **arrays)
-        partial.replace(path)
+        with removed_when_killed(partial):
+            with partial.open("xb") as file:
+                arrays = {kind: getattr(maps, kind) for kind in KINDS}
+                np.savez(file, tile_m=np.array(maps.tile_m), **arrays)
+            partial.replace(path)
         trim(path.parent, limit_mb() * 1e6)
     except OSError as error:
         LOG.warning("the texture cache %s cannot be written: %s", path, error)
-        if partial is not None:
-            partial.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
 
 
 def trim(folder: Path, most_bytes: float) -> None:

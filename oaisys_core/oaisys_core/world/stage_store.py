@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError, quoted
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import parse_json
+from oaisys_core.leftovers import removed_when_killed
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.mesh_ground import MeshGround
 
@@ -87,9 +88,9 @@ def save_stage(path: Path, record: StageRecord) -> None:
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
+        with removed_when_killed(partial), partial.open("wb") as file:
             np.savez_compressed(file, record=np.array(text), **_arrays(record.ground))
-        partial.replace(path)
+            partial.replace(path)
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise InvalidInputError("stage.store", str(path), f"a place to write ({error})") from error

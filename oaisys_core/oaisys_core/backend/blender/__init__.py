@@ -10,8 +10,10 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import BackendUnavailableError
+from oaisys_core.leftovers import keep_temporary_files
 
 try:
+    keep_temporary_files()
     import bpy as _bpy  # noqa: F401
 except ImportError as error:
     hint = (

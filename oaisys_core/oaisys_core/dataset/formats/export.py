@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from oaisys_core.dataset.formats.base import (
 )
 from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.errors import ConfigError, InvalidInputError, RenderError, one_of
+from oaisys_core.leftovers import removed_when_killed, temporary_folder
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.reader import Dataset
@@ -71,18 +71,19 @@ def _written_folder(place: StoragePlace) -> Iterator[Path]:
     """Yield an empty folder whose content is put to a place if the block succeeds."""
     target = place.folder
     if target is None:
-        with tempfile.TemporaryDirectory(prefix="oaisys-export-") as folder:
-            yield Path(folder)
-            _upload(Path(folder), place)
+        with temporary_folder("oaisys-export-") as folder:
+            yield folder
+            _upload(folder, place)
         return
     part = target.with_name(f".{target.name}.part")
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
-        yield part
-        part.replace(target)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    with removed_when_killed(part):
+        try:
+            shutil.rmtree(part, ignore_errors=True)
+            part.mkdir(parents=True)
+            yield part
+            part.replace(target)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def _upload(folder: Path, place: StoragePlace) -> None:

@@ -12,6 +12,7 @@ from typing import IO
 
 from oaisys_core.dataset.places.reading import found
 from oaisys_core.errors import RenderError
+from oaisys_core.leftovers import removed_when_killed
 
 PART = ".part"
 """End of the names of files that are being written; they begin with a dot."""
@@ -62,18 +63,19 @@ class LocalPlace:
         target = self._root / name
         # A unique name: a second process may write the same object after the first seemed lost.
         part = target.with_name(f".{target.name}.{uuid.uuid4().hex}{PART}")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            yield part
-            with part.open("rb") as file:
-                os.fsync(file.fileno())
-            part.replace(target)
-        except OSError as error:
-            text = error.strerror or error
-            raise RenderError(f"{target}: could not be written: {text}") from error
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        with removed_when_killed(part):
+            try:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                yield part
+                with part.open("rb") as file:
+                    os.fsync(file.fileno())
+                part.replace(target)
+            except OSError as error:
+                text = error.strerror or error
+                raise RenderError(f"{target}: could not be written: {text}") from error
+            finally:
+                with suppress(OSError):
+                    part.unlink(missing_ok=True)
 
     @contextmanager
     def streaming(self, name: str) -> Iterator[IO[bytes]]:

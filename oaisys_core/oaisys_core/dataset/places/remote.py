@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -12,6 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 from oaisys_core.dataset.places.reading import found
 from oaisys_core.errors import RenderError
+from oaisys_core.leftovers import temporary_folder
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
@@ -78,8 +78,8 @@ class RemotePlace:
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """See `StoragePlace.writing`."""
-        with tempfile.TemporaryDirectory(prefix="oaisys-upload-") as folder:
-            path = Path(folder, name.rpartition("/")[2])
+        with temporary_folder("oaisys-upload-") as folder:
+            path = folder / name.rpartition("/")[2]
             try:
                 yield path
                 self._make_folder(name)

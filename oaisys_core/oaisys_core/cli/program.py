@@ -1,0 +1,13 @@
+"""The program ``oaisys``: what a signal does is settled before anything else is imported."""
+
+from __future__ import annotations
+
+from oaisys_core.cli.signals import exit_at_signals
+
+
+def main() -> None:
+    """Run the command line and exit, see `oaisys_core.cli.main`."""
+    exit_at_signals()
+    from oaisys_core.cli.main import run_program
+
+    run_program()
