@@ -21,6 +21,7 @@ PLAIN_CORE = {
     "oaisys_core.types",
     "oaisys_core.geometry",
     "oaisys_core.errors",
+    "oaisys_core.socket_paths",
     # The standard library and, on use, PyYAML: documents have the same bounds everywhere.
     "oaisys_core.files.documents",
     "oaisys_core.files.arrays",
