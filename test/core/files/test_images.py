@@ -108,7 +108,7 @@ def npz(**headers: str) -> bytes:
 
 
 def sky_labels(file: Path) -> None:
-    mapping = {"1": {"label": "sky", "semantic_id": 1}}
+    mapping: Any = {"1": {"label": "sky", "semantic_id": 1}}
     labels = SkyLabelsConfig.model_construct(image=file, mapping=mapping, level=0)
     config = HdriImageConfig.model_construct(file=file, labels_from=(labels,))
     SkyImages().load(config, (0,))
@@ -123,7 +123,7 @@ def label(file: Path) -> None:
 
 
 def density(file: Path) -> None:
-    density_image(ImageDensity.model_construct(file=file, invert=False))
+    density_image(ImageDensity.model_construct(kind="image", file=file, invert=False))
 
 
 def frame(file: Path) -> None:
