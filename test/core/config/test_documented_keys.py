@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from typing import Annotated, Any
@@ -14,6 +15,8 @@ from repository import REPOSITORY
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.config.schema import all_models
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata
 
 PAGES = [
     *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
@@ -26,6 +29,7 @@ SECTIONS = "|".join(SimulationConfig.model_fields)
 BLOCK = re.compile(r"```yaml\n(.*?)```", re.DOTALL)
 FENCE = re.compile(r"```\w*\n.*?```", re.DOTALL)
 KEY = re.compile(rf"`((?:{SECTIONS})(?:\.[a-z_0-9]+)+)(: [^`]+)?`")
+METADATA = re.compile(r'`(\{"[^`]*\})`')
 MAPPING = re.compile(r"`(?:([a-z_]+): )?(\{[^`\"]*\})`")
 NOT_OURS = {"drive.json", "drive.launch.py", "drive.received", "render.threads"}
 """Files, an attribute in Python, and a setting of Blender."""
@@ -96,6 +100,29 @@ def accepts(kind: Any, data: Any) -> bool:
     except ValidationError as error:
         return all(fault["loc"][-1] in ("file", "folder") for fault in error.errors())
     return True
+
+
+def test_metadata_are_accepted() -> None:
+    """JSON that names a module, in the world of the page's own blocks."""
+    text = (REPOSITORY / "docs/worlds.md").read_text(encoding="utf-8")
+    (block,) = BLOCK.findall(text)
+    simulation = Simulation(
+        config_from_mapping(
+            yaml.safe_load(block)
+            | {
+                "backend": "analytic",
+                "stage": {"resolution_px": 33},
+                "assets": {"rocks": []},
+                "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
+            }
+            | {"sensors": {"cameras": [{"width_px": 8, "height_px": 6, "modalities": ["depth"]}]}}
+        )
+    )
+    simulation.step_batch()
+    found = [json.loads(each) for each in METADATA.findall(FENCE.sub("", text))]
+    assert len(found) >= 2
+    for metadata in found:
+        simulation.step_sample(ModuleMetadata(**metadata))
 
 
 def test_every_default_is_accepted() -> None:
