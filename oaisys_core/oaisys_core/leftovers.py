@@ -31,6 +31,7 @@ class Leftovers:
 
     def __init__(self) -> None:
         self._file = os.memfd_create("oaisys-leftovers", os.MFD_CLOEXEC)
+        os.fchmod(self._file, 0o600)
         self._free: list[int] = []
         self._slots = 0
         self._lock = threading.Lock()

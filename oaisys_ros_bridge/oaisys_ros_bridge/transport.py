@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - Linux's name for it
 NEEDED_BYTES = 512 * 2**20
 """Free shared memory for the segments of ``fastdds.xml`` in eight participants."""
+
+SEGMENTS = ("fastrtps_", "fastdds_", "fast_datasharing")
+"""How the names of Fast DDS's segments begin."""
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
 
@@ -30,3 +34,15 @@ def prepare_transport() -> None:
         return
     if shutil.disk_usage(SHARED_MEMORY).free >= NEEDED_BYTES:
         os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROFILES)
+
+
+def hide_shared_memory() -> None:
+    """Let no other user read this process's segments of Fast DDS; call it when the node is made.
+
+    Fast DDS makes them readable for everybody, whatever the umask is.
+    """
+    for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
+        path = Path(line.split(maxsplit=5)[-1])
+        if path.parent == SHARED_MEMORY and path.name.startswith(SEGMENTS):
+            with suppress(OSError):  # removed since, or another user's
+                path.chmod(0o600)

@@ -88,7 +88,10 @@ def drawn_arrays(rng: np.random.Generator) -> dict[str, NDArray[Any]]:
 
 
 def write_dataset(
-    where: str | Path, worlds: Mapping[int, str], views: int = 3
+    where: str | Path,
+    worlds: Mapping[int, str],
+    views: int = 3,
+    legend: WorldLegend = LEGEND,
 ) -> dict[str, dict[str, NDArray[Any]]]:
     """Write a data set; return its arrays by frame id and modality.
 
@@ -96,6 +99,7 @@ def write_dataset(
         where: Its place.
         worlds: The split of each world.
         views: Number of views of each world.
+        legend: Of all worlds, beside a label of each one.
     """
     place = open_place(where)
     place.write(HEAD, dataset_info(len(worlds), views).to_json().encode())
@@ -106,5 +110,5 @@ def write_dataset(
                 pixels = drawn_arrays(np.random.default_rng([world, view]))
                 record = shard.add(frame_record(world, view, split), pixels)
                 arrays[record.frame_id] = pixels
-            shard.finish(replace(LEGEND, labels={**LEGEND.labels, 3: f"of world {world}"}))
+            shard.finish(replace(legend, labels={**legend.labels, 3: f"of world {world}"}))
     return arrays

@@ -24,9 +24,11 @@ PLAIN_CORE = {
     "oaisys_core.socket_paths",
     # The standard library and, on use, PyYAML: documents have the same bounds everywhere.
     "oaisys_core.files.documents",
+    "oaisys_core.files.markdown",
     "oaisys_core.files.arrays",
     "oaisys_core.files.mesh_headers",
     # The standard library alone: how programs are started.
+    "oaisys_core.private_files",
     "oaisys_core.python_programs",
     # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.
     "oaisys_core.sensing.faults",

@@ -94,6 +94,7 @@ def copied_to_segment(arrays: Sequence[AnyArray]) -> list[AnyArray]:
     begins, size = _layout([array.nbytes for array in arrays])
     descriptor = os.memfd_create(_NAME, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
+        os.fchmod(descriptor, 0o600)
         os.ftruncate(descriptor, size)
         _write(descriptor, np.frombuffer(secrets.token_bytes(TOKEN_BYTES), np.uint8), 0)
         for begin, array in zip(begins, arrays, strict=True):

@@ -17,6 +17,7 @@ import trimesh
 import viser
 from numpy.typing import NDArray
 
+from oaisys_core.files.markdown import escaped_markdown
 from oaisys_core.geometry import depth_to_points, pose_from_matrix
 from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
@@ -208,7 +209,7 @@ class WebViewer:
     def _describe(self, view: PosedImages) -> None:
         x_m, y_m, z_m = view.camera.T_map_camera[:3, 3]
         self._description.content = (
-            f"**{self._view_count}** views; the newest, {view.name}, from "
+            f"**{self._view_count}** views; the newest, {escaped_markdown(view.name)}, from "
             f"({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m. Click a camera to look from there."
         )
 

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
+from oaisys_core.private_files import open_private
 from oaisys_core.python_programs import python_environment
 from oaisys_ros_bridge.experiments.interruption import deferred_interruption
 
@@ -43,7 +44,7 @@ class ManagedProcess:
         self._log = log
         self._is_interrupted = False
         log.parent.mkdir(parents=True, exist_ok=True)
-        with log.open("wb") as output:
+        with os.fdopen(open_private(log, os.O_WRONLY | os.O_TRUNC), "wb") as output:
             # In a session of its own: Ctrl-C at the terminal reaches the parent alone, which ends
             # its children in order.
             self._process = subprocess.Popen(

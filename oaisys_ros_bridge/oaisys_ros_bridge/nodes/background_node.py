@@ -17,7 +17,7 @@ from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
-from oaisys_ros_bridge.transport import prepare_transport
+from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
 CLOSE_TIMEOUT_S = 2.0
 LOOK_UP_S = 0.2
@@ -50,6 +50,7 @@ class BackgroundNode:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         with checked_ros_arguments(arguments):
             self.node = Node(name, cli_args=list(arguments))
+        hide_shared_memory()
         self.changed = threading.Condition()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

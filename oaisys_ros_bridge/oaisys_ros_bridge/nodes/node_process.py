@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
-from oaisys_ros_bridge.transport import prepare_transport
+from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
 CALLBACKS_END_S = 3.0
 """How long callbacks may take to end before their publishers are destroyed."""
@@ -94,6 +94,7 @@ def run_node(
         with checked_ros_arguments(given[1:]):
             rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
             node = make_node()
+            hide_shared_memory()
     except (OaisysError, OSError, ParameterException) as error:
         sys.stderr.write(f"{error}\n")
         rclpy.try_shutdown()

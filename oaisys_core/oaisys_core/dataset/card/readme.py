@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from oaisys_core.dataset.card.statistics import number_of
 from oaisys_core.dataset.formats.base import FormatConventions
+from oaisys_core.files.markdown import escaped_markdown
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.card.statistics import DatasetStatistics
@@ -45,7 +46,8 @@ def readme_text(
         license_name: Licence of the data set; empty if the owner gave none.
     """
     splits = ", ".join(
-        f"{split}: {number_of(statistics.worlds[split], 'world')}, {number_of(frames, 'frame')}"
+        f"{escaped_markdown(split)}: {number_of(statistics.worlds[split], 'world')}, "
+        f"{number_of(frames, 'frame')}"
         for split, frames in statistics.frames.items()
     )
     told = [
@@ -54,9 +56,9 @@ def readme_text(
         if field.name in TITLES
     ]
     head = (
-        f"# Terrain data set ({name})\n\n"
+        f"# Terrain data set ({escaped_markdown(name)})\n\n"
         f"Rendered by OAISYS. {splits}. Splits are by world: no world is in two of them.\n"
-        f"Licence: {license_name or 'none given'}."
+        f"Licence: {escaped_markdown(license_name) or 'none given'}."
     )
     reading = [f"## Reading\n\n{conventions.reading}"] if conventions.reading else []
     parts = [
@@ -71,5 +73,5 @@ def readme_text(
 
 
 def _counted(counts: Mapping[str, int]) -> str:
-    rows = "\n".join(f"| {what} | {count} |" for what, count in counts.items())
+    rows = "\n".join(f"| {escaped_markdown(what)} | {count} |" for what, count in counts.items())
     return f"## Written and left out\n\n| what | number |\n|---|---|\n{rows}"

@@ -7,10 +7,15 @@ from pathlib import Path
 import mlcroissant
 import pytest
 from rendered_datasets import write_rendered_dataset
+from synthetic_datasets import write_dataset
 
 from oaisys_core.cli.dataset_export import describe
 from oaisys_core.dataset import open_dataset
+from oaisys_core.dataset.card.description import describe_dataset
 from oaisys_core.dataset.card.statistics import sampled_indices, statistics_of
+from oaisys_core.dataset.formats.base import ExportOptions
+from oaisys_core.dataset.manifest import WorldLegend
+from oaisys_core.files.markdown import escaped_markdown
 
 
 def test_a_data_set_describes_itself_and_stays_readable(tmp_path: Path) -> None:
@@ -50,3 +55,21 @@ def test_statistics_are_those_of_the_pixels(tmp_path: Path) -> None:
 def test_frames_are_sampled_at_equal_distances() -> None:
     assert list(sampled_indices(3, 12)) == [0, 1, 2]
     assert list(sampled_indices(1001, 3)) == [0, 500, 1000]
+
+
+HTML = "<img src=x onerror=alert(1)> [click](javascript:alert(1)) | `x`"
+
+
+def test_html_and_markdown_in_names_of_others_are_shown_as_they_are(tmp_path: Path) -> None:
+    write_dataset(tmp_path, {0: "train"}, legend=WorldLegend({1: HTML, 2: HTML}, {}))
+    describe_dataset(open_dataset(tmp_path), ExportOptions(license=HTML))
+    readme, card = ((tmp_path / name).read_text() for name in ("README.md", "data_card.html"))
+    for page in (readme, card):
+        assert "&lt;img" in page
+        assert "<img src=x" not in page
+    assert "[click](" not in readme
+    assert "\\| \\`x\\`" in readme
+
+
+def test_markdown_of_others_is_in_a_line() -> None:
+    assert escaped_markdown("a\n# b") == "a \\# b"
