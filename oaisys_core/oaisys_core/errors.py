@@ -134,6 +134,10 @@ class QueueFullError(OaisysError):
     """Too many requests are waiting; try again later."""
 
 
+class ShortageError(OaisysError):
+    """This process may not have more memory, threads or files."""
+
+
 class BackendUnavailableError(OaisysError):
     """The chosen backend cannot run here, for instance because ``bpy`` is not installed."""
 

@@ -21,6 +21,7 @@ from typer.core import TyperGroup
 
 from oaisys_core.cli.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
+from oaisys_core.shortages import shortage
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None
@@ -87,7 +88,7 @@ def _load(entry: EntryPoint) -> Any:
     try:
         target = entry.load()
     except (ImportError, AttributeError) as error:
-        target = _unavailable(entry, error)
+        target = _unavailable(entry, shortage(error) or error)
     if not isinstance(target, typer.Typer):
         app = typer.Typer(add_completion=False)
         app.command(entry.name)(target)
@@ -170,6 +171,10 @@ def main() -> None:
         sys.exit(_report(error, EXIT_FAILED))
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
+    except (MemoryError, OSError, RuntimeError, ImportError) as error:
+        if (told := shortage(error)) is None:
+            raise
+        sys.exit(_report(told, EXIT_FAILED))
 
 
 def _report(error: OaisysError, exit_code: int) -> int:

@@ -22,10 +22,13 @@ from oaisys_core.errors import (
     OaisysError,
     QueueFullError,
     RenderError,
+    ShortageError,
     WorkerLostError,
 )
+from oaisys_grpc.contract.connection_advice import advice
 from oaisys_grpc.contract.faults import (
     ERROR_TYPES,
+    DeadlyRequestError,
     Fault,
     OvertakenError,
     ServerUnavailableError,
@@ -44,7 +47,9 @@ STATUS_CODES: dict[type[OaisysError], grpc.StatusCode] = {
     NotFoundError: grpc.StatusCode.NOT_FOUND,
     UnknownTrajectoryError: grpc.StatusCode.NOT_FOUND,
     QueueFullError: grpc.StatusCode.RESOURCE_EXHAUSTED,
+    ShortageError: grpc.StatusCode.RESOURCE_EXHAUSTED,
     BackendUnavailableError: grpc.StatusCode.FAILED_PRECONDITION,
+    DeadlyRequestError: grpc.StatusCode.FAILED_PRECONDITION,
     RenderError: grpc.StatusCode.INTERNAL,
     WorkerLostError: grpc.StatusCode.ABORTED,
     OvertakenError: grpc.StatusCode.ABORTED,
@@ -152,7 +157,8 @@ def error_from_rpc(error: grpc.RpcError) -> OaisysError:
     if named is not None:
         return named
     kind = _ERRORS_WITHOUT_NAME.get(call.code(), OaisysError)
-    return kind(f"{call.code().name}: {call.details()}")
+    said, told = f"{call.code().name}: {call.details()}", advice(call.details() or "")
+    return kind(f"{told} ({said})" if told else said)
 
 
 def _packed(detail: Message) -> AnyMessage:

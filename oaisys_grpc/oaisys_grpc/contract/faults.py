@@ -17,6 +17,10 @@ class OvertakenError(CancelledError):
     """A newer batch was asked for while the sample waited or rendered."""
 
 
+class DeadlyRequestError(OaisysError):
+    """The same request has ended a worker before, and would probably end another one."""
+
+
 class UnknownTrajectoryError(OaisysError):
     """A worker was given the name of a trajectory that it does not know, for instance a new one."""
 
@@ -26,6 +30,7 @@ class ServerUnavailableError(OaisysError):
 
 
 ERROR_TYPES: dict[str, type[OaisysError]] = {
+    "DeadlyRequestError": DeadlyRequestError,
     "OvertakenError": OvertakenError,
     "ServerUnavailableError": ServerUnavailableError,
     "UnknownTrajectoryError": UnknownTrajectoryError,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import hmac
+import logging
 import mmap
 import os
 import secrets
@@ -23,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_grpc.contract.arrays import AnyArray
+
+_LOG = logging.getLogger(__name__)
 
 AVAILABLE = sys.platform == "linux" and hasattr(os, "memfd_create")
 TOKEN_BYTES = 32
@@ -112,6 +115,15 @@ def copied_to_segment(arrays: Sequence[AnyArray]) -> list[AnyArray]:
     return copies
 
 
+def shared_if_possible(arrays: Sequence[AnyArray]) -> list[AnyArray] | None:
+    """Return arrays in one new segment; None if there can be none now: they go another way then."""
+    try:
+        return copied_to_segment(arrays)
+    except OSError as error:
+        _LOG.warning("images are not shared, but copied: %s", error)
+        return None
+
+
 class Probe:
     """A small file by which a client proves that it can read this process's memory."""
 
@@ -120,6 +132,15 @@ class Probe:
         segment = segment_of(array)
         assert segment is not None
         self._segment = segment
+
+    @classmethod
+    def if_possible(cls) -> Self | None:
+        """Return a new one; None if there can be none: nothing is shared then."""
+        try:
+            return cls()
+        except OSError as error:
+            _LOG.warning("images are not shared, but copied: %s", error)
+            return None
 
     @property
     def place(self) -> Place:

@@ -87,7 +87,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._operations = operations
         self._on_end = on_end
         self._trajectories = TrajectoryStore()
-        self._probe = Probe() if shared_memory and AVAILABLE else None
+        self._probe = Probe.if_possible() if shared_memory and AVAILABLE else None
 
     def GetSimulatorInfo(
         self, request: pb.GetSimulatorInfoRequest, context: Context

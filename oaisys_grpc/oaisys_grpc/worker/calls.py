@@ -38,8 +38,8 @@ from oaisys_grpc.contract.sample_messages import (
 from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
     Segment,
-    copied_to_segment,
     segment_of,
+    shared_if_possible,
 )
 from oaisys_grpc.contract.world_messages import (
     extent_from_proto,
@@ -132,6 +132,8 @@ class SimulationCalls:
         Raises:
             OaisysError: The request is refused, or it fails.
         """
+        if os.environ.get("OAISYS_FAULT"):
+            fault_injection.inject_asked(call.content)
         return self._methods[call.head["method"]](call, context)
 
     def _start(self, call: WorkerMessage, context: CallContext) -> Reply:
@@ -239,7 +241,9 @@ class SimulationCalls:
         size = sum(frame.data.nbytes for frame in frames)
         if size < SHARED_FROM_BYTES or len(self._segments) >= MAX_SEGMENTS:
             return frames
-        images = copied_to_segment([frame.data for frame in frames])
+        images = shared_if_possible([frame.data for frame in frames])
+        if images is None:
+            return frames
         segment = segment_of(images[0])
         assert segment is not None
         self._segments.add(segment)

@@ -4,8 +4,9 @@
 and does nothing if it exists), ``hang``, ``slow:SECONDS``, ``nap:SECONDS``, ``leak:MEGABYTES``.
 A fault occurs at every sample before it is rendered, or with the suffix ``@NUMBER`` at that sample
 of every worker only. A prefix moves it: ``late-`` after depth and labels were sent, ``last-`` after
-the sample is complete but before the answer, ``batch-`` to the beginning of every batch. Nothing
-happens unless ``OAISYS_TEST_BUILD=1``.
+the sample is complete but before the answer, ``batch-`` to the beginning of every batch. The fault
+``crash-asked`` ends the worker at each call whose request holds `CRASH_TEXT`. Nothing happens
+unless ``OAISYS_TEST_BUILD=1``.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from typing import Literal
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.types import Progress
 
+CRASH_TEXT = b"crash, please"
+
+_ASKED = "crash-asked"
 _STEP_S = 0.02
 _PREFIXES = {"sample": "", "frames": "late-", "end": "last-", "batch": "batch-"}
 """By the moment of a call at which the faults occur."""
@@ -36,9 +40,17 @@ def inject(moment: Moment, progress: ProgressCallback) -> None:
     global _samples
     _samples += moment == "sample"
     for fault in _wanted():
+        if fault == _ASKED:
+            continue
         prefix = next((p for p in _PREFIXES.values() if p and fault.startswith(p)), "")
         if prefix == _PREFIXES[moment]:
             _inject(fault.removeprefix(prefix), progress)
+
+
+def inject_asked(request: bytes) -> None:
+    """End the worker if a request asks for it and ``OAISYS_FAULT`` lets it."""
+    if CRASH_TEXT in request and _ASKED in _wanted():
+        os.abort()
 
 
 def _wanted() -> Iterator[str]:

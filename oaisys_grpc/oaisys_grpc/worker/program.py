@@ -25,6 +25,7 @@ from typing import Any
 from oaisys_core.config.paths import confined
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.interruption import interruptible
+from oaisys_core.shortages import shortage
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import SimulatorInfo
 from oaisys_grpc.contract.faults import fault_from_error
@@ -81,7 +82,9 @@ class Worker:
             head["fault"] = vars(fault_from_error(error))
         except Exception as error:  # noqa: BLE001 - whatever failed is the caller's to know
             _LOG.exception("%s failed", method)
-            failure = RenderError(f"{method} failed: {type(error).__name__}: {error}")
+            failure = shortage(error) or RenderError(
+                f"{method} failed: {type(error).__name__}: {error}"
+            )
             head["fault"] = vars(fault_from_error(failure))
         self._cancelled.discard(number)
         if self._calls.simulation is not None:

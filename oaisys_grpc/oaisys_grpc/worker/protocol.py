@@ -23,8 +23,8 @@ from oaisys_grpc.contract.arrays import AnyArray
 from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
     Segment,
-    copied_to_segment,
     segment_of,
+    shared_if_possible,
 )
 
 _PREFIX = struct.Struct("<QQQB")
@@ -141,8 +141,8 @@ def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayPlace], list[Segment]
     raws = [np.ascontiguousarray(array).reshape(-1).view(np.uint8) for array in arrays]
     loose = [number for number, raw in enumerate(raws) if segment_of(raw) is None]
     if sum(raws[number].size for number in loose) >= SHARED_FROM_BYTES:
-        shared = copied_to_segment([raws[number] for number in loose])
-        for number, raw in zip(loose, shared, strict=True):
+        shared = shared_if_possible([raws[number] for number in loose])
+        for number, raw in zip(loose, shared or (), strict=shared is not None):
             raws[number] = raw
     segments: list[Segment] = []
     places: list[ArrayPlace] = []

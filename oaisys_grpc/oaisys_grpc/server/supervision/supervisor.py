@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import threading
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ from oaisys_core.errors import (
 from oaisys_grpc.contract.faults import Fault, error_from_fault
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.options import ServerOptions
+from oaisys_grpc.server.supervision.crashes import Cause, Crashes
 from oaisys_grpc.server.supervision.worker_limits import MEGABYTE, Breaker, CallLimit, MemoryLimits
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.server.supervision.worker_process import WorkerProcess
@@ -35,8 +37,13 @@ _ENDING = "the server was told to end"
 
 START_METHOD = "start"
 
+BATCH_METHOD = "step_batch"
+
 SAMPLE_METHODS = frozenset({"step_sample", "drive_sample"})
 """The only calls for which a worker that ignores a cancellation is killed before the deadline."""
+
+CHANGING_METHODS = SAMPLE_METHODS | {BATCH_METHOD}
+"""Calls whose success makes a client known."""
 
 
 class Supervisor:
@@ -69,6 +76,7 @@ class Supervisor:
         self._state: str | None = None
         self._info: pb.GetSimulatorInfoResponse | None = None
         self._breaker = Breaker()
+        self._crashes = Crashes()
         self._ended = False
         self._killed = threading.Event()
         self.restarts = 0
@@ -98,25 +106,38 @@ class Supervisor:
         self._on_ready(True)
 
     def call(
-        self, method: str, request: bytes, *, timeout_s: float, cancelled: threading.Event
+        self,
+        method: str,
+        request: bytes,
+        *,
+        timeout_s: float,
+        cancelled: threading.Event,
+        client: str = "",
     ) -> Iterator[WorkerMessage]:
         """Have the worker do something, starting a new worker first where there is none.
 
         Yields what the worker sends meanwhile, of the types ``progress`` and ``frames``, and at
         last its answer.
 
+        Args:
+            client: The connection that asks; a worker that is lost counts against it.
+
         Raises:
             WorkerLostError: The worker died meanwhile.
+            DeadlyRequestError: The same request ended a worker before.
             CancelledError: The caller set ``cancelled``; whatever came later is dropped.
             DeadlineExceededError: It took more than ``timeout_s``.
             BackendUnavailableError: Workers died too often.
         """
         is_sample = method in SAMPLE_METHODS
         limit = CallLimit(timeout_s, self._options.grace_s, cancelled, worth_a_worker=is_sample)
+        cause = Cause(client, self._digest(method, request))
+        if (refusal := self._crashes.refusal(cause)) is not None:
+            raise refusal
         self.ensure_worker()
         if limit.must_stop():
             raise limit.error()
-        for answer in self._call(method, WorkerMessage({}, request), limit):
+        for answer in self._call(method, WorkerMessage({}, request), limit, cause):
             if answer.type != "answer":
                 yield answer
         if limit.must_stop():
@@ -124,6 +145,8 @@ class Supervisor:
                 self.withdraw()
             raise limit.error()
         self._raise_fault(answer)
+        if method in CHANGING_METHODS:
+            self._crashes.worked(cause, rendered=is_sample)
         if is_sample:
             self._breaker.worked()
         yield answer
@@ -136,7 +159,7 @@ class Supervisor:
             _LOG.warning("a sample that came too late keeps its id: %s", error)
 
     def _call(
-        self, method: str, request: WorkerMessage, limit: CallLimit
+        self, method: str, request: WorkerMessage, limit: CallLimit, cause: Cause | None = None
     ) -> Iterator[WorkerMessage]:
         """Call the worker and remember the state of its world; drop a worker that is lost."""
         assert self._worker is not None
@@ -148,7 +171,7 @@ class Supervisor:
                     yield message
         except (WorkerLostError, DeadlineExceededError) as error:
             if method != START_METHOD:
-                self._lost(error)
+                self._lost(error, cause)
             raise
         except CancelledError as error:  # it would not stop
             self._drop(error)
@@ -266,6 +289,14 @@ class Supervisor:
             self._worker.discard()
             self._worker = None
 
-    def _lost(self, error: OaisysError) -> None:
+    def _lost(self, error: OaisysError, cause: Cause | None = None) -> None:
         self._drop(error)
-        self._breaker.crashed(error)
+        if cause is None:
+            self._breaker.crashed(error)
+        elif self._crashes.crashed(cause, error):
+            self._breaker.pause(error)
+
+    def _digest(self, method: str, request: bytes) -> bytes:
+        """Return what is equal for requests that do the same, in the same world."""
+        batch_id = 0 if self._info is None or method == BATCH_METHOD else self._info.batch_id
+        return hashlib.sha256(f"{method} {batch_id} ".encode() + request).digest()

@@ -225,11 +225,33 @@ def machine_bytes() -> int:
     return min(found)
 
 
+def oom_kills() -> int:
+    """Return how many processes the kernel has killed for want of memory; 0 if it does not say."""
+    try:
+        counts = dict(line.split() for line in Path("/proc/vmstat").read_text().splitlines())
+    except (OSError, ValueError):
+        return 0
+    return int(counts.get("oom_kill", 0))
+
+
 class Breaker:
     """Counts crashes; one thread reports them, any thread may ask for `refusal`."""
 
-    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
-        self._now_s = now_s
+    def __init__(
+        self,
+        now_s: Callable[[], float] = time.monotonic,
+        *,
+        state: str = "no worker runs any more",
+        end: str = "another one is started",
+    ) -> None:
+        """Start without crashes.
+
+        Args:
+            now_s: A clock.
+            state: What is refused during a pause, for errors.
+            end: What happens after it.
+        """
+        self._now_s, self._state, self._end = now_s, state, end
         self._crashes_s: collections.deque[float] = collections.deque(maxlen=CRASHES_ALLOWED)
         self._pause_s = FIRST_PAUSE_S
         self._cause: OaisysError | None = None
@@ -248,7 +270,7 @@ class Breaker:
     def pause(self, error: OaisysError) -> None:
         """Let no worker be started for a while, longer each time."""
         self._cause, self._next_s = error, self._now_s() + self._pause_s
-        _LOG.error("no worker is started for %g s: %s", self._pause_s, error)
+        _LOG.error("%s; %s in %g s: %s", self._state, self._end, self._pause_s, error)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
 
     def worked(self) -> None:
@@ -264,6 +286,4 @@ class Breaker:
         cause, left_s = self._cause, self._next_s - self._now_s()
         if cause is None or left_s <= 0:
             return None
-        return BackendUnavailableError(
-            f"no worker runs any more: {cause}; another one is started in {left_s:.0f} s"
-        )
+        return BackendUnavailableError(f"{self._state}: {cause}; {self._end} in {left_s:.0f} s")

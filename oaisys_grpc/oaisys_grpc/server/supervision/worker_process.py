@@ -26,12 +26,14 @@ from oaisys_core.errors import (
     WorkerLostError,
 )
 from oaisys_core.python_programs import python_command, python_environment
+from oaisys_grpc.server.supervision.crashes import KilledWorkerError, OutgrownWorkerError
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_limits import (
     MEGABYTE,
     CallLimit,
     ProcessorTime,
     Watchdog,
+    oom_kills,
     resident_bytes,
 )
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
@@ -83,6 +85,7 @@ class WorkerProcess:
         self._readable.register(ours, select.POLLIN)
         self._kill_bytes = kill_bytes
         self._memory_checked_s = 0.0
+        self._oom_kills = 0
         self._calls = 0
         self._log = log
         self._lines: collections.deque[str] = collections.deque(maxlen=_LINES_KEPT)
@@ -134,6 +137,7 @@ class WorkerProcess:
         """
         self._calls += 1
         number = self._calls
+        self._oom_kills = oom_kills()
         since_told: ProcessorTime | None = None
         self._watchdog.arm(limit.left_s())
         try:
@@ -159,7 +163,7 @@ class WorkerProcess:
             if limit.must_kill(since_told):
                 self.discard()
                 raise _killed(method, limit) from error
-            raise WorkerLostError(f"{method}: {self.last_words()}") from error
+            raise self._lost(method) from error
         finally:
             self._watchdog.disarm()
         yield message
@@ -203,7 +207,7 @@ class WorkerProcess:
         held = self.resident_bytes()
         if held > self._kill_bytes:
             self.discard()
-            raise WorkerLostError(
+            raise OutgrownWorkerError(
                 f"{method}: the worker used {held / MEGABYTE:.0f} MB of memory, more than "
                 f"{self._kill_bytes / MEGABYTE:.0f} MB, and was killed"
             )
@@ -219,6 +223,15 @@ class WorkerProcess:
                 self._lines.append(line)
                 self._log.write(self._process.pid, line)
                 _LOG.info("worker: %s", line)
+
+    def _lost(self, method: str) -> WorkerLostError:
+        """Return the error of a call whose worker has ended."""
+        words = f"{method}: {self.last_words()}"
+        if self._killed_because or self._process.returncode != -signal.SIGKILL:
+            return WorkerLostError(words)
+        if oom_kills() > self._oom_kills:
+            return OutgrownWorkerError(words)
+        return KilledWorkerError(words)
 
     def last_words(self) -> str:
         """Return how the process ended and what it printed last."""

@@ -16,6 +16,7 @@ import grpc
 import numpy as np
 import psutil
 import pytest
+from attacks import code_and_details, own_channel
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server, code_of
 from waiting import PATIENCE_S, wait_until, within
@@ -33,6 +34,9 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
 from oaisys_grpc.client.channel import SERVICE
 from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.contract.operation import State
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 
 StartServer = Callable[..., Server]
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]
@@ -129,10 +133,16 @@ def test_a_worker_that_dies_in_a_render_is_replaced_and_goes_on_as_if_nothing_ha
 def test_a_crash_loop_ends_and_nothing_spins(start_server: StartServer) -> None:
     server = start_server(ROCKY_WORLD, OAISYS_FAULT="crash", **FAULTY)
     with server.client() as client:
-        client.step_batch()
-        for _ in range(3):
-            with pytest.raises(WorkerLostError, match=r"Aborted.*fault_injection\.py"):
-                client.render_sample(POSES[0])
+        for number in range(3):
+            with own_channel(server.address) as channel:
+                stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+                step = pb.StepBatchRequest(reuse_stage=number > 0)
+                batch = stub.StepBatch(step).operation.name
+                *_, status = client.watch_operation(batch)
+                assert status.state is State.SUCCEEDED
+                code, details = code_and_details(stub.RenderSample(pb.RenderSampleRequest()))
+                assert code is grpc.StatusCode.ABORTED
+                assert re.search(r"Aborted.*fault_injection\.py", details)
         wait_until(lambda: not client.is_ready(PATIENCE_S))
         process = psutil.Process(server.process.pid)
         used_s = sum(process.cpu_times()[:2])

@@ -1,0 +1,117 @@
+"""Too little memory, too few files: a sentence at the start, another way or a sentence later."""
+
+from __future__ import annotations
+
+import errno
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from served_simulator import FLAT_WORLD, Server
+from waiting import PATIENCE_S
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_core.shortages import shortage
+
+NADIR = pose_looking_down(1, 2, 7)
+CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}
+LARGER_WORLD = {**FLAT_WORLD, "sensors": {"cameras": [CAMERA]}}
+"""Its images are large enough to be shared."""
+
+
+@pytest.mark.parametrize(
+    ("limit", "number", "said"),
+    [
+        ("RLIMIT_NOFILE", 64, "this process may open 64 files, and a server needs 128: ulimit -n"),
+        ("RLIMIT_NOFILE", 12, "files"),
+        ("RLIMIT_AS", 300_000_000, "ulimit -v"),
+    ],
+)
+def test_a_server_without_room_says_so_and_does_not_start(
+    tmp_path: Path, limit: str, number: int, said: str
+) -> None:
+    begin = (
+        f"import resource, os, sys; resource.setrlimit(resource.{limit}, ({number}, {number})); "
+        "os.execv(sys.executable, [sys.executable, '-m', 'oaisys_grpc', 'serve', "
+        "'--backend', 'analytic', '--address', '127.0.0.1:0'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", begin],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1, done.stderr
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [resource.RLIMIT_FSIZE, pytest.param(resource.RLIMIT_NOFILE, marks=pytest.mark.long)],
+)
+def test_images_go_another_way_where_no_memory_can_be_shared(
+    start_server: Callable[..., Server], limit: int
+) -> None:
+    server = start_server(LARGER_WORLD)
+    with server.client() as client:
+        client.step_batch()
+        client.render_sample(NADIR)
+        worker = server.worker()
+        before = worker.num_fds()
+        allowed = worker.rlimit(limit)
+        few = 1000 if limit == resource.RLIMIT_FSIZE else 3
+        worker.rlimit(limit, (few, allowed[1]))
+        for number in range(3):
+            depth_m = client.render_sample(pose_looking_down(number, 2, 7)).frame("camera", "depth")
+            np.testing.assert_allclose(depth_m.data, 7.0, rtol=1e-5)
+        worker.rlimit(limit, allowed)
+        sample = client.render_sample(pose_looking_down(5, 2, 7))
+        np.testing.assert_allclose(sample.frame("camera", "depth").data, 7.0, rtol=1e-5)
+        assert server.worker().pid == worker.pid
+        assert worker.num_fds() <= before + 2
+
+
+@pytest.mark.long
+def test_descriptors_come_back(start_server: Callable[..., Server]) -> None:
+    """Views, clients and refused connections leave none behind."""
+    server = start_server(LARGER_WORLD)
+    process = psutil.Process(server.process.pid)
+    with server.client() as client:
+        client.step_batch()
+        for number in range(20):  # as many as are kept
+            client.render_sample(pose_looking_down(0.1 * number, 2, 7))
+        before = process.num_fds(), server.worker().num_fds()
+        for number in range(20):
+            client.render_sample(pose_looking_down(0.1 * number, 1, 7))
+            with server.client() as other:
+                other.info()
+        after = process.num_fds(), server.worker().num_fds()
+    assert max(np.subtract(after, before)) <= 2
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "no memory left"),
+        (OSError(errno.ENOSPC, "No space left on device", "/dev/shm/x"), "/dev/shm"),
+        (OSError(errno.EMFILE, "Too many open files"), "ulimit -n"),
+        (RuntimeError("can't start new thread"), "threads"),
+        (ImportError("libx.so: failed to map segment from shared object"), "ulimit -v"),
+    ],
+)
+def test_a_shortage_is_a_sentence(error: Exception, said: str) -> None:
+    wrapped = RuntimeError("something else")
+    wrapped.__cause__ = error
+    for each in (error, wrapped):
+        assert said in str(shortage(each))
+    assert shortage(ValueError("a fault of ours")) is None
+    assert shortage(OSError(errno.ENOENT, "no such file")) is None
