@@ -114,10 +114,11 @@ class SimulatorServer:
             *connection_options(),
         ]
         self._threads = CallThreads(THREADS, self._note_crowd)
-        self._calls = OpenCalls(on_request=self._threads.request_came)
+        turns = self._operations.turns
+        self._calls = OpenCalls(self._threads.request_came, turns.note_unread)
         self._server = grpc.server(
             self._threads,  # type: ignore[arg-type] # any executor will do
-            interceptors=[GuardedCalls(self._calls)],
+            interceptors=[GuardedCalls(self._calls, turns.note_read)],
             options=channel_options,
         )
         self._add_services()

@@ -27,6 +27,7 @@ from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.contract.sample_messages import messages_from_bytes
 from oaisys_grpc.server.jobs.job import Durations, Job, Operation, SampleStore
+from oaisys_grpc.server.jobs.turns import Turns
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
 
@@ -55,6 +56,7 @@ class OperationQueue:
 
     Attributes:
         samples: The most recent ones.
+        turns: Whose job is next.
     """
 
     def __init__(self, supervisor: Supervisor) -> None:
@@ -67,10 +69,9 @@ class OperationQueue:
         self._running: Operation | None = None
         self._begun_s = 0.0
         self._known: OrderedDict[str, Operation] = OrderedDict()
-        self._by_request: dict[str, Operation] = {}
+        self._by_request: dict[str, list[Operation]] = {}
         self._count = 0
-        self._turns = 0
-        self._served: dict[str, int] = {}
+        self.turns = Turns()
         self._lock = threading.Condition()
         self._closed = False
         self._ending = threading.Event()
@@ -110,30 +111,32 @@ class OperationQueue:
             operation.stop(error)
 
     def submit(self, job: Job) -> Operation:
-        """Enqueue a job; a repeated request gets its earlier operation.
+        """Enqueue a job; a repeated request gets its earlier operation, whoever repeats it.
 
         If that operation failed or was cancelled, the job is enqueued again.
 
         Raises:
             QueueFullError: Too many wait.
-            InvalidInputError: The request id came with another body before.
+            InvalidInputError: The request id came with another body before, by the same connection.
         """
         with self._lock:
-            before = self._by_request.get(job.request_id)
-            if before is not None and _is_repeated(before, job):
-                return before
+            for before in self._by_request.get(job.request_id, ()):
+                if _is_repeated(before, job):
+                    return before
             if self._closed or self._ending.is_set():
                 raise ServerUnavailableError("the simulator is being ended")
             self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
             is_batch = job.kind is Kind.BATCH
             ahead = [o for o in self._waiting if not (is_batch and o.job.kind is Kind.SAMPLE)]
-            _check_room(ahead, job)
+            displaced = self._make_room(ahead, job)
             overtaken = self._overtaken() if is_batch else []
             operation = self._record(job)
             self._waiting.append(operation)
             self._lock.notify_all()
         for sample in overtaken:
             sample.stop(OvertakenError(f"overtaken by the batch of {operation.status.name}"))
+        for other in displaced:
+            other.stop(QueueFullError("the queue is full, and others need the room"))
         return operation
 
     def get(self, name: str) -> Operation:
@@ -193,17 +196,15 @@ class OperationQueue:
             return self._running
 
     def _first_of_next_peer(self) -> Operation:
-        """Remove and return the first operation of the least recently served connection.
+        """Remove and return the first operation of the connection whose turn it is.
 
         No operation overtakes a batch that was requested before it.
         """
         batches = (i for i, o in enumerate(self._waiting) if o.job.kind is Kind.BATCH)
         candidates = [*self._waiting][: next(batches, len(self._waiting)) or 1]
-        operation = min(candidates, key=lambda o: self._served.get(o.job.peer, 0))
+        peer = self.turns.next(dict.fromkeys(o.job.peer for o in candidates))
+        operation = next(o for o in candidates if o.job.peer == peer)
         self._waiting.remove(operation)
-        self._turns += 1
-        self._served = {o.job.peer: self._served.get(o.job.peer, 0) for o in self._waiting}
-        self._served[operation.job.peer] = self._turns
         return operation
 
     def _run_operation(self, operation: Operation) -> None:
@@ -242,6 +243,7 @@ class OperationQueue:
             job.request,
             timeout_s=operation.deadline_s - time.monotonic(),
             cancelled=operation.cancelled,
+            client=job.peer,
         )
         for message in steps:
             if message.type == "frames":
@@ -260,13 +262,42 @@ class OperationQueue:
             return operation
         self._known[name] = operation
         if job.request_id:
-            self._by_request[job.request_id] = operation
+            others = self._by_request.get(job.request_id, [])
+            others = [o for o in others if o.job.body != job.body]
+            self._by_request[job.request_id] = [*others, operation]
         for old in list(self._known.values())[:-HISTORY_LIMIT]:
             if old.status.state.ended:
                 del self._known[old.status.name]
-                if self._by_request.get(old.job.request_id) is old:
-                    del self._by_request[old.job.request_id]
+                self._forget_request(old)
         return operation
+
+    def _make_room(self, ahead: Sequence[Operation], job: Job) -> list[Operation]:
+        """Refuse a job if too many wait ahead of it; return an operation that it displaces.
+
+        Of the connections with the least standing, below the job's, the last operation is.
+        """
+        try:
+            _check_room(ahead, job)
+        except QueueFullError:
+            if not ahead:
+                raise
+            standing = self.turns.standing
+            other = min(reversed(ahead), key=lambda o: standing(o.job.peer))
+            if standing(other.job.peer) >= standing(job.peer):
+                raise
+            rest = [o for o in ahead if o is not other]
+            _check_room(rest, job)
+            self._waiting.remove(other)
+            return [other]
+        return []
+
+    def _forget_request(self, old: Operation) -> None:
+        kept = self._by_request.get(old.job.request_id, [])
+        kept = [operation for operation in kept if operation is not old]
+        if kept:
+            self._by_request[old.job.request_id] = kept
+        else:
+            self._by_request.pop(old.job.request_id, None)
 
     def _overtaken(self) -> list[Operation]:
         """Remove the samples from the queue; return them and the one that renders, if any."""
@@ -289,8 +320,13 @@ def _check_room(ahead: Sequence[Operation], job: Job) -> None:
 
 
 def _is_repeated(before: Operation, job: Job) -> bool:
-    """Return whether a job repeats an earlier request and gets its operation."""
+    """Return whether a job repeats an earlier request of the same id and gets its operation.
+
+    Two clients may happen to choose the same id for different requests.
+    """
     if before.job.body != job.body:
+        if before.job.peer != job.peer:
+            return False
         raise InvalidInputError(
             "request_id", job.request_id, "a new id, or the request that came with it before"
         )

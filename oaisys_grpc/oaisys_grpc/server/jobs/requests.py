@@ -71,6 +71,10 @@ def step_job(
         raise InvalidInputError("request_id", received, f"at most {MAX_ID_CHARACTERS}")
     if request.HasField("metadata"):
         metadata_from_proto(request.metadata)
+    if isinstance(step, pb.StepBatchRequest):  # what the worker need not know
+        step = pb.StepBatchRequest.FromString(step.SerializeToString())
+        step.ClearField("request_id")
+        step.ClearField("timeout")
     return Job(
         kind=kind,
         method="step_batch" if kind is Kind.BATCH else "step_sample",

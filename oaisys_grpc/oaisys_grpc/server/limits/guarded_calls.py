@@ -18,7 +18,7 @@ from google.protobuf.message import DecodeError
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_grpc.contract.errors import abort
 from oaisys_grpc.server.limits.open_calls import OpenCall, OpenCalls, Phase, counted
-from oaisys_grpc.server.limits.slots import StreamLimits
+from oaisys_grpc.server.limits.slots import ANSWERED_AT_LENGTH, StreamLimits
 
 MAX_FIELDS = 2**17
 """Fields of all messages in a request: 2,000 objects with pose, size and label."""
@@ -47,8 +47,14 @@ class GuardedCalls(grpc.ServerInterceptor):
     which threads wait for a request.
     """
 
-    def __init__(self, calls: OpenCalls) -> None:
-        self._calls = calls
+    def __init__(self, calls: OpenCalls, on_read: Callable[[str], None] = lambda _: None) -> None:
+        """Guard calls.
+
+        Args:
+            calls: Those that are open.
+            on_read: Called with the connection that has read an answer of the worker to its end.
+        """
+        self._calls, self._on_read = calls, on_read
         self._limits = StreamLimits()
 
     def intercept_service(
@@ -71,7 +77,10 @@ class GuardedCalls(grpc.ServerInterceptor):
             try:
                 argument = make_argument(requests, read, call)
                 with self._limits.slot(call):
-                    yield from counted(behavior(argument, context), call)
+                    answers = behavior(argument, context)
+                    yield from counted(answers, call, lambda: self._limits.unread_slot(call))
+                if name in ANSWERED_AT_LENGTH:
+                    self._on_read(call.peer)
             except OaisysError as error:
                 abort(context, error)
 

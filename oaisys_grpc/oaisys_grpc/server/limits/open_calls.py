@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from enum import Enum
 from typing import Any
 
@@ -83,6 +84,8 @@ class OpenCall:
         if self.ended:
             return
         self.ended = True
+        if self.phase is Phase.READER:
+            self._calls.on_unread(self.peer)
         self._calls.ended.add(f"{self.name} of {self.peer}", details)
         if not cancel(event_of_context(self._context), details):
             self._context.cancel()
@@ -95,13 +98,18 @@ class OpenCalls:
         ended: Counts the calls that were ended.
     """
 
-    def __init__(self, on_request: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        on_request: Callable[[], None] = lambda: None,
+        on_unread: Callable[[str], None] = lambda _: None,
+    ) -> None:
         """Start without calls.
 
         Args:
             on_request: Called on a call's thread when its request has come.
+            on_unread: Called with the connection of a call that is ended because it is not read.
         """
-        self.on_request = on_request
+        self.on_request, self.on_unread = on_request, on_unread
         self._calls: set[OpenCall] = set()
         self._lock = threading.Lock()
         self._closed = threading.Event()
@@ -163,10 +171,17 @@ def when_over(context: Any, action: Callable[[], None]) -> None:
         action()
 
 
-def counted(calls: Iterator[Any], call: OpenCall) -> Iterator[Any]:
-    """Yield a call's answers, and note when it waits for its reader."""
+def counted(
+    calls: Iterator[Any], call: OpenCall, slot: Callable[[], AbstractContextManager[None]]
+) -> Iterator[Any]:
+    """Yield a call's answers, and note when it waits for its reader.
+
+    Args:
+        slot: Returns what each answer holds until it is read.
+    """
     for answer in calls:
-        call.enter(Phase.READER)
-        yield answer
-        call.enter(Phase.WORK)
+        with slot():
+            call.enter(Phase.READER)
+            yield answer
+            call.enter(Phase.WORK)
     call.enter(Phase.WORK)

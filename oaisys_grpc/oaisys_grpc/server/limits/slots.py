@@ -7,6 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from typing import Any
 
 from oaisys_core.errors import QueueFullError
@@ -36,6 +37,16 @@ LIMITS = {
     "Drive": 8,
 }
 """Calls at a time, by method; all stream but GetFrame, whose answer may be as large."""
+
+QUEUED = frozenset({"RenderSample", "GetGroundTruthMesh", "GetHeightField"})
+"""Methods whose calls wait in the queue of jobs, which bounds them.
+
+Their limits are of answers that wait for their readers: a call that waits for the worker takes no
+slot from others.
+"""
+
+ANSWERED_AT_LENGTH = QUEUED | {"GetSample", "Drive"}
+"""Methods whose clients show that they read answers."""
 
 IDLE_MAKE_ROOM = frozenset({"Watch"})
 """Methods whose clients only wait, and may call again: one of them ends for a newcomer."""
@@ -68,15 +79,18 @@ class Slots:
     connection if that has its share, else any. Calls that wait are served in their order.
     """
 
-    def __init__(self, most: int, *, idle_make_room: bool = False) -> None:
+    def __init__(
+        self, most: int, *, most_waiting: int = MOST_WAITING, idle_make_room: bool = False
+    ) -> None:
         """Start without calls.
 
         Args:
             most: Calls at a time.
+            most_waiting: Calls that may wait for a slot.
             idle_make_room: Whether a call that waits for the simulator is ended for another one,
                 too: of the connection that has the most calls, the oldest one.
         """
-        self._idle_make_room = idle_make_room
+        self._idle_make_room, self._most_waiting = idle_make_room, most_waiting
         self._most, self._most_of_peer = most, int(SHARE_OF_CONNECTION * most)
         self._calls: dict[OpenCall, None] = {}
         self._waiting: dict[OpenCall, None] = {}
@@ -122,7 +136,7 @@ class Slots:
         call.end(details)
 
     def _is_worth_waiting(self, call: OpenCall, unread: list[OpenCall]) -> bool:
-        if call.ended or (call not in self._waiting and len(self._waiting) >= MOST_WAITING):
+        if call.ended or (call not in self._waiting and len(self._waiting) >= self._most_waiting):
             return False
         return bool(unread) or len(self._own(call)) < self._most_of_peer
 
@@ -169,18 +183,33 @@ class StreamLimits:
 
     def __init__(self) -> None:
         self._slots = {
-            name: Slots(limit, idle_make_room=name in IDLE_MAKE_ROOM)
+            name: Slots(
+                limit,
+                most_waiting=QUEUE_LIMIT_OF_NEWCOMERS if name in QUEUED else MOST_WAITING,
+                idle_make_room=name in IDLE_MAKE_ROOM,
+            )
             for name, limit in LIMITS.items()
         }
         self._others = Slots(LIMIT_OF_OTHERS)
 
-    @contextlib.contextmanager
-    def slot(self, call: OpenCall) -> Iterator[None]:
-        """Hold a slot for a stream.
+    def slot(self, call: OpenCall) -> AbstractContextManager[None]:
+        """Hold a slot for a stream, unless the queue bounds its method.
 
         Raises:
             QueueFullError: There is none.
         """
+        return contextlib.nullcontext() if call.name in QUEUED else self._held(call)
+
+    def unread_slot(self, call: OpenCall) -> AbstractContextManager[None]:
+        """Hold a slot for a message of such a stream until it is read.
+
+        Raises:
+            QueueFullError: There is none.
+        """
+        return self._held(call) if call.name in QUEUED else contextlib.nullcontext()
+
+    @contextlib.contextmanager
+    def _held(self, call: OpenCall) -> Iterator[None]:
         slots = self._slots.get(call.name, self._others)
         slots.take(call)
         try:

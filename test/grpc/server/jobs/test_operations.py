@@ -6,7 +6,7 @@ from pathlib import Path
 
 import grpc
 import pytest
-from attacks import own_channel
+from attacks import code_and_details, own_channel
 from served_simulator import FLAT_WORLD, Server, code_of
 from waiting import PATIENCE_S
 
@@ -99,6 +99,22 @@ def test_a_request_id_with_another_body_is_refused(flat_client: SimulatorClient)
     assert (refused.value.field, refused.value.received) == ("request_id", "once")
     with pytest.raises(InvalidInputError):
         flat_client.start_batch(request_id="once")
+
+
+def test_a_request_id_of_another_client_refuses_nothing(
+    flat_server: Server, flat_client: SimulatorClient
+) -> None:
+    first = flat_client.start_sample(POSES[4], request_id="mine too")
+    with own_channel(flat_server.address) as channel:
+        stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+        request = pb.StepSampleRequest(request_id="mine too", modalities=["depth"])
+        other = stub.StepSample(request).operation.name
+        assert other != first
+        assert stub.StepSample(request).operation.name == other
+        parts = stub.RenderSample(pb.RenderSampleRequest(request_id="mine too"))
+        assert code_and_details(parts)[0] is grpc.StatusCode.INVALID_ARGUMENT  # its own, changed
+    assert flat_client.start_sample(POSES[4], request_id="mine too") == first
+    assert ended(flat_client, first).sample_id != ended(flat_client, other).sample_id
 
 
 def test_a_request_that_failed_may_be_sent_again(slow_client: SimulatorClient) -> None:
