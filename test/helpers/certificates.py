@@ -26,7 +26,7 @@ class Authority:
         )
         self._write(self.ca, made)
 
-    def pair(self, name: str) -> tuple[Path, Path]:
+    def pair(self, name: str, *, expired: bool = False) -> tuple[Path, Path]:
         """Certificate and key of somebody at 127.0.0.1, localhost or a socket."""
         key = ec.generate_private_key(ec.SECP256R1())
         cert, key_file = self._folder / f"{name}.cert", self._folder / f"{name}.key"
@@ -35,7 +35,8 @@ class Authority:
             x509.IPAddress(ipaddress.ip_address("127.0.0.1")),
         ]
         subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
-        made = self._builder(subject, key).add_extension(
+        age = 2 * _DAY if expired else 0 * _DAY
+        made = self._builder(subject, key, age).add_extension(
             x509.SubjectAlternativeName(names), critical=False
         )
         self._write(cert, made)
@@ -49,9 +50,9 @@ class Authority:
         return cert, key_file
 
     def _builder(
-        self, subject: x509.Name, key: ec.EllipticCurvePrivateKey
+        self, subject: x509.Name, key: ec.EllipticCurvePrivateKey, age: dt.timedelta = 0 * _DAY
     ) -> x509.CertificateBuilder:
-        now = dt.datetime.now(dt.UTC)
+        now = dt.datetime.now(dt.UTC) - age
         return (
             x509.CertificateBuilder()
             .subject_name(subject)

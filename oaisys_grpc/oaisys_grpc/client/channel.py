@@ -12,7 +12,13 @@ import grpc
 from google.protobuf.duration_pb2 import Duration
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
-from oaisys_core.errors import CancelledError, DeadlineExceededError, InvalidInputError, OaisysError
+from oaisys_core.errors import (
+    CancelledError,
+    DeadlineExceededError,
+    InvalidInputError,
+    NotReadyError,
+    OaisysError,
+)
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto
@@ -80,21 +86,37 @@ class Channel:
             DeadlineExceededError: It does not within ``timeout_s`` seconds.
         """
         end_s = time.monotonic() + timeout_s
-        while not self.is_ready(max(0.01, min(1.0, end_s - time.monotonic()))):
-            if time.monotonic() >= end_s:
-                message = f"no simulator serves at {self.address} after {timeout_s:g} s"
-                raise DeadlineExceededError(message)
+        while True:
+            try:
+                return self.check_ready(max(0.01, min(1.0, end_s - time.monotonic())))
+            except OaisysError as error:
+                if time.monotonic() >= end_s:
+                    raise DeadlineExceededError(f"{error} (after {timeout_s:g} s)") from error
             time.sleep(_HEALTH_POLL_S)
 
-    def is_ready(self, timeout_s: float) -> bool:
-        """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
+    def check_ready(self, timeout_s: float) -> None:
+        """Ask whether the simulator serves.
+
+        Raises:
+            NotReadyError: It does not say so within ``timeout_s`` seconds; the message says why.
+        """
         request = health_pb2.HealthCheckRequest(service=SERVICE)
+        nobody = f"no simulator serves at {self.address}"
         try:
             with translated():
                 answer = self._health.Check(request, timeout=timeout_s)
+        except OaisysError as error:
+            raise NotReadyError(f"{nobody}: {error}") from error
+        if answer.status != health_pb2.HealthCheckResponse.SERVING:
+            raise NotReadyError(f"{nobody}: no worker is ready")
+
+    def is_ready(self, timeout_s: float) -> bool:
+        """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
+        try:
+            self.check_ready(timeout_s)
         except OaisysError:
             return False
-        return bool(answer.status == health_pb2.HealthCheckResponse.SERVING)
+        return True
 
     def close(self) -> None:
         """Close the connection."""

@@ -111,6 +111,14 @@ class SimulatorClient:
         """
         self._channel.wait_ready(timeout_s)
 
+    def check_ready(self, timeout_s: float = 1.0) -> None:
+        """Ask whether the simulator serves.
+
+        Raises:
+            NotReadyError: It does not say so within ``timeout_s`` seconds; the message says why.
+        """
+        self._channel.check_ready(timeout_s)
+
     def is_ready(self, timeout_s: float = 1.0) -> bool:
         """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
         return self._channel.is_ready(timeout_s)

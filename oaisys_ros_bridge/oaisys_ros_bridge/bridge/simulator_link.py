@@ -253,8 +253,7 @@ class SimulatorLink:
         if self._client is None:
             self._client = SimulatorClient(self.address, timeout_s=self._timeout_s, tls=self._tls)
         client = self._client
-        if not client.is_ready(HEALTH_TIMEOUT_S):
-            raise NotReadyError(f"no simulator serves at {self.address}")
+        client.check_ready(HEALTH_TIMEOUT_S)
         info = client.info()
         if info.config_sha256 != self._config_sha256:
             self.config_json, self._config_sha256 = client.config_json(), info.config_sha256

@@ -119,7 +119,7 @@ def test_memory_of_crashes_is_bounded(crashes: Crashes) -> None:
     for number in range(5000):
         crashes.crashed(Cause(f"client {number}", b"%d" % number), CRASH)
         crashes.worked(Cause(f"other {number}", b"x%d" % number), rendered=True)
-    kept = [crashes._requests, crashes._clients, crashes._known]
+    kept: list[Any] = [crashes._requests, crashes._clients, crashes._known]
     assert max(map(len, kept)) <= 1024
 
 
@@ -134,7 +134,8 @@ def test_bombs_of_one_client_do_not_stop_the_others(start_server: Callable[..., 
         return request.SerializeToString()
 
     def code_of_bomb(channel: grpc.Channel, number: int) -> grpc.StatusCode:
-        call: Any = channel.unary_stream(OURS + "RenderSample")(bomb(number), timeout=PATIENCE_S)
+        render: Any = channel.unary_stream(OURS + "RenderSample")
+        call = render(bomb(number), timeout=PATIENCE_S)
         with pytest.raises(grpc.RpcError):
             list(call)
         code: grpc.StatusCode = call.code()
