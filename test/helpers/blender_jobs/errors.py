@@ -23,6 +23,9 @@ from oaisys_core.types import ALBEDO, DEPTH, RGB
 NODES = 120
 """Colours that a shader needs at the same time; a hundred are too many for Cycles."""
 
+BLACK_XY_M = -15.0, 0.0
+"""Where the ground of `black_texture` is black for some metres."""
+
 
 def overflowing() -> tuple[list[str], str, list[NDArray[Any]]]:
     """Errors of renders with a shader that does not fit Cycles' stack, and what they print.
@@ -52,6 +55,24 @@ def black() -> dict[str, list[str]]:
         "albedo": (ALBEDO, False, 0.7),
     }
     return {kind: _black(*how) for kind, how in kinds.items()}
+
+
+def black_texture() -> str:
+    """The error of a render of a texture that is black where the camera looks, and nowhere else."""
+    world = flat_world()
+    (first, *others) = world.material.layers
+    color = np.full((16, 16, 3), 200, np.uint8)
+    color[:4, :] = color[-4:, :] = color[:, :4] = color[:, -4:] = 0
+    maps = replace(first.maps, color_srgb=color, tile_m=40.0)
+    layers = tuple(replace(each, maps=maps) for each in (first, *others))
+    backend = BlenderBackend()
+    backend.build(replace(world, material=replace(world.material, layers=layers)), ignore)
+    view = camera(pose_looking_down(*BLACK_XY_M, 3), modalities=(RGB,))
+    try:
+        picture = backend.render_all([view], settings(), ignore)[0].data
+    except RenderError as error:
+        return str(error)
+    return "" if picture.mean() < 1 else f"the picture is not black: {picture.mean()}"
 
 
 def _black(modality: str, denoise: bool, elevation_rad: float) -> list[str]:

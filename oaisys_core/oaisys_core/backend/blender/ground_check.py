@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.camera import rendered_pinhole
+from oaisys_core.backend.blender.camera import pixel_angle_rad, rendered_pinhole
 from oaisys_core.backend.blender.postprocessing import COMBINED, SEEN_ALBEDO, RenderResult, pass_of
+from oaisys_core.backend.raycast.reflectance import Reflectance
 from oaisys_core.backend.raycast.shading import mean_color
-from oaisys_core.backend.surface import Surface
+from oaisys_core.backend.surface import Surface, View
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import unproject
 from oaisys_core.scene import PbrMaps, PlacedCamera, Scene
@@ -32,8 +33,8 @@ LEAST_ALBEDO = 0.01
 """
 
 MOST_BLACK, LEAST_PLACES = 0.5, 8
-"""Share of the places of one shader that may be black, of at least so many. All are where it has
-failed; where it has not, a texture's black spots and the rays of moving cameras may be some."""
+"""Share of the places of one shader that may be black though the ray caster's albedo is not, of at
+least so many. All are where it has failed; with moving cameras, some may be where it has not."""
 
 
 class GroundPlaces(NamedTuple):
@@ -42,10 +43,16 @@ class GroundPlaces(NamedTuple):
     Attributes:
         at: (N, 2) rows and columns as shares of the image's height and width.
         is_land: (N,) whether it is ground beyond the stage, which has a shader of its own.
+        view: Of one column: what is there.
+        width_m: (N,) widths of pixels there.
+        scene: The world.
     """
 
     at: FloatArray
     is_land: NDArray[np.bool_]
+    view: View
+    width_m: FloatArray
+    scene: Scene
 
 
 class GroundCheck:
@@ -70,7 +77,9 @@ class GroundCheck:
         bright = self._albedo(surface.scene, xy_m, range_m) >= LEAST_ALBEDO
         x0, y0, x1, y1 = surface.scene.ground.extent_m
         is_land = ((xy_m < (x0, y0)) | (xy_m > (x1, y1))).any(axis=1)
-        return GroundPlaces(at[seen[bright]], is_land[bright])
+        kept, width_m = seen[bright], range_m * pixel_angle_rad(camera.intrinsics)
+        is_land, width_m = is_land[bright], width_m[bright]
+        return GroundPlaces(at[kept], is_land, view.rows(kept), width_m, surface.scene)
 
     @staticmethod
     def check(places: GroundPlaces, rendered: RenderResult, name: str) -> None:
@@ -89,7 +98,12 @@ class GroundCheck:
         light = albedo[rows, columns].sum(axis=-1) + radiance[rows, columns, :3].sum(axis=-1)
         for what, own in (("stage", ~places.is_land), ("land", places.is_land)):
             black = light[own] == 0
-            if len(black) >= LEAST_PLACES and black.mean() > MOST_BLACK:
+            if len(black) < LEAST_PLACES or black.mean() <= MOST_BLACK:
+                continue
+            # Textures may be black there; looking them up takes long in a new world.
+            view, width_m = places.view.rows(np.flatnonzero(own)), places.width_m[own]
+            black &= Reflectance(places.scene).at(view, width_m) >= LEAST_ALBEDO
+            if black.mean() > MOST_BLACK:
                 text = f"{black.mean():.0%} of the ground of the {what} is black in Cycles' image"
                 raise RenderError(f"{name}: {text}, though its textures are not")
 

@@ -22,3 +22,7 @@ def test_ground_that_is_black_without_an_error_fails_the_render() -> None:
     for kind, (before, failed, after) in in_blender("errors.black").items():
         assert "100% of the ground of the stage is black" in failed, kind
         assert (before, after) == ("", ""), kind
+
+
+def test_a_texture_that_is_black_somewhere_is_rendered() -> None:
+    assert in_blender("errors.black_texture") == ""
