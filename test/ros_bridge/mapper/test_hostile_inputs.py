@@ -61,10 +61,10 @@ def lying_images(image: Image) -> Iterator[Image]:
         changed = copy.deepcopy(image)
         changed.encoding = encoding
         yield changed
-    for value in FLOATS:
+    for number in FLOATS:
         changed = copy.deepcopy(image)
         with np.errstate(over="ignore"):
-            changed.data = array.array("B", np.full((12, 16), value, np.float32).tobytes())
+            changed.data = array.array("B", np.full((12, 16), number, np.float32).tobytes())
         yield changed
     changed = copy.deepcopy(image)
     changed.is_bigendian = 255
