@@ -37,7 +37,7 @@ IN_CHILD = frozenset(
 """Commands that work in a child process, see `oaisys_core.cli.signals`; others that take long
 start and end processes of their own, and handle signals themselves."""
 
-GRACE_S = {"drive": 5.0}
+GRACE_S = {"drive": 4.0}
 """How long a command may take to complete its files at a signal; a drive closes its bag."""
 
 

@@ -77,12 +77,13 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
     def stop(number: int, _: FrameType | None) -> None:
         is_first = not received
         received.append(number)
-        if child and grace_s and number != signal.SIGALRM:
-            if is_first:
-                os.kill(child, signal.SIGINT)
-                signal.setitimer(signal.ITIMER_REAL, grace_s)
-        elif child:
-            os.kill(child, signal.SIGKILL)
+        is_late = number == signal.SIGALRM
+        if not (child and (is_first or is_late)):
+            return  # a second signal changes nothing
+        if grace_s and not is_late:
+            signal.setitimer(signal.ITIMER_REAL, grace_s)
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(child, signal.SIGINT if grace_s and not is_late else signal.SIGKILL)
 
     _handle(stop)
     signal.signal(signal.SIGALRM, stop)
@@ -94,6 +95,7 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
     if received:  # between the handlers and the fork
         os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
+    child = 0
     if not received and os.WIFEXITED(status):
         record.remove()
         os._exit(os.WEXITSTATUS(status))
