@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import camera, rocky_world, settings
 
-from oaisys_core.backend.blender import BlenderBackend, cycles, postprocessing
+from oaisys_core.backend.blender import BlenderBackend, compat, cycles, postprocessing
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.postprocessing import RenderResult, blenders_denoiser
 from oaisys_core.backend.blender.time_budget import DENOISING_COSTS, DenoisingQuality
@@ -64,7 +64,14 @@ def of_passes(
     known = None
     if ground is not None:
         known = PixelAlbedo(ground, np.ones(ground.shape[:2], bool))
-    passes = {"Combined": radiance, "Denoising Albedo": albedo, "Denoising Normal": normal}
+    nothing = np.zeros((*radiance.shape[:2], 1), np.float32)
+    passes = {
+        "Combined": radiance,
+        "Denoising Albedo": albedo,
+        "Denoising Normal": normal,
+        compat.MATERIAL_INDEX: nothing,
+        compat.GLOSSY_COLOR: np.zeros_like(radiance),
+    }
     wanted = replace(settings(1), denoise=True)
     return postprocessing.denoised(
         RenderResult(passes, samples=1), wanted, blenders_denoiser(), denoising, known

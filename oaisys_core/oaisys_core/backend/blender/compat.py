@@ -39,3 +39,9 @@ def set_up_sky_node(node: Any, sky: Sky) -> None:
 
 DIFFUSE_COLOR = "Diffuse Color" if IS_BLENDER_5 else "DiffCol"
 """Name of the albedo pass."""
+
+MATERIAL_INDEX = "Material Index" if IS_BLENDER_5 else "IndexMA"
+"""Name of the pass with the materials' indices."""
+
+GLOSSY_COLOR = "Glossy Color" if IS_BLENDER_5 else "GlossCol"
+"""Name of the pass with the share of light that films of water and ice reflect."""

@@ -2,7 +2,9 @@
 
 What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
 multiplied by it afterwards, so that denoising does not blur textures. On the ground, it is
-multiplied by the albedo of `GroundAlbedo`, which has no noise.
+multiplied by the albedo of `GroundAlbedo`, which has no noise. Where samples are reflected or let
+through by chance, as by water, so are the surfaces whose albedo and normals they have seen: there,
+these are denoised first.
 
 Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
 but counts its time as part of the last sample, which time budgets could not use, and can only
@@ -39,7 +41,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.base import RenderSettings
+from oaisys_core.backend.blender.compat import GLOSSY_COLOR, MATERIAL_INDEX
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.backend.blender.materials.surfaces import BY_CHANCE
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.errors import RenderError
 from oaisys_core.interruption import stop_if_unwanted, wanted_check
@@ -114,6 +118,10 @@ CONFIRMED_PX, MOST_DIFFERENCE = 15, 0.03
 """Edge length of the square over which an albedo without noise must be that of the samples, and how
 much it may differ, as a share."""
 
+MIRROR_SHARE = 0.1
+"""Share of light that a film reflects from which on Cycles may take dark ground for a mirror, whose
+albedo and normals are those of what it reflects: if the film has three quarters of all weight."""
+
 DEPTH = "Depth"
 """Blender's name of the pass with the depth of the first sample."""
 
@@ -174,15 +182,35 @@ def denoised(
         return radiance
     radiance = radiance[..., :3]
     if denoiser is not None:
-        normal = pass_of(rendered, SEEN_NORMAL)
         seen = pass_of(rendered, SEEN_ALBEDO)
-        divisor = albedo = _divisor(seen, normal)
+        divisor, normal = _guides(rendered, denoiser)
+        albedo = divisor
         if ground is not None:
             is_clean = _is_confirmed(ground, seen)[..., None]
             divisor = np.where(is_clean, seen + LEAST_ALBEDO, divisor)
             albedo = np.where(is_clean, ground.linear + LEAST_ALBEDO, albedo)
         radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
     return filter_denoised(radiance, rendered.samples or settings.samples, settings.clutter)
+
+
+def _guides(rendered: RenderResult, denoiser: Denoiser) -> tuple[Image, Image]:
+    """Return the (H, W, 3) albedo to divide radiance by, and the denoiser's (H, W, 3) normals."""
+    normal, seen = pass_of(rendered, SEEN_NORMAL), pass_of(rendered, SEEN_ALBEDO)
+    divisor = _divisor(seen, normal)
+    is_water = pass_of(rendered, MATERIAL_INDEX) == BY_CHANCE
+    reflected = _convolved(_sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) / 3, 1 / 3)
+    by_chance = is_water | (reflected > MIRROR_SHARE)[..., None]
+    if not by_chance.any():
+        return divisor, normal
+    # The sky's albedo of 0 would bleed over its border.
+    usual = seen[by_chance[..., 0]].mean(axis=0)
+    surface = np.where(pass_of(rendered, DEPTH) < BACKGROUND_M, seen, usual)
+    divisor = np.where(by_chance, denoiser.denoise_albedo(surface) + LEAST_ALBEDO, divisor)
+    normal = np.where(by_chance, denoiser.denoise_normal(normal), normal)
+    if is_water.any():
+        # It is level.
+        normal = np.where(is_water, normal[is_water[..., 0]].mean(axis=0), normal)
+    return divisor, normal
 
 
 def _divisor(albedo: Image, normal: Image) -> Image:
@@ -262,15 +290,21 @@ class Denoiser:
         """
         if normal.shape != light.shape:
             raise ValueError(f"normal: received {normal.shape} beside light {light.shape}")
-        if denoising == "thorough":
-            normal = self._filtered({b"normal": normal}, QUALITY_FAST)
-        else:
-            normal = filter_normal(normal)
+        is_thorough = denoising == "thorough"
+        normal = self.denoise_normal(normal) if is_thorough else filter_normal(normal)
         # The library takes normals only together with an albedo.
         images = {b"color": light, b"albedo": np.ones_like(light), b"normal": normal}
         quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
         # Without cleanAux, it would blur edges and relief as if the normals were noisy.
         return self._filtered(images, quality, hdr=True, cleanAux=True)
+
+    def denoise_albedo(self, albedo: Image) -> Image:
+        """Return (H, W, 3) denoised albedo; for errors see `denoise`."""
+        return self._filtered({b"albedo": albedo}, QUALITY_BALANCED)
+
+    def denoise_normal(self, normal: Image) -> Image:
+        """Return (H, W, 3) denoised normals; for errors see `denoise`."""
+        return self._filtered({b"normal": normal}, QUALITY_FAST)
 
     def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
         height, width, _ = next(iter(images.values())).shape

@@ -39,6 +39,9 @@ PAINT = "paint"
 
 ROUGHNESS = 0.5
 
+BY_CHANCE = 1
+"""Index of materials whose samples are reflected or let through by chance, see `postprocessing`."""
+
 IOR = 1.33
 """Refractive index of water; ice has 1.31."""
 

@@ -11,7 +11,14 @@ from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.materials.haze import through_haze
 from oaisys_core.backend.blender.materials.images import new_image
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
-from oaisys_core.backend.blender.materials.surfaces import IOR, PAINT, diffuse, new_material, show
+from oaisys_core.backend.blender.materials.surfaces import (
+    BY_CHANCE,
+    IOR,
+    PAINT,
+    diffuse,
+    new_material,
+    show,
+)
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.terrain.noise import spectral
 from oaisys_core.types import FloatArray
@@ -43,6 +50,7 @@ def water_material(prototype: MeshPrototype) -> Any:
     if water is None:
         raise ValueError(f"{prototype.name} is no water")
     result = new_material(prototype.name)
+    result.pass_index = BY_CHANCE
     tree = NodeTree(node_tree_of(result))
     paint = tree.add("Attribute", attribute_name=PAINT)
     body, airlight = diffuse(tree, paint.outputs["Color"], 0.5, None)

@@ -1,0 +1,75 @@
+"""Water, ice and mud are free of salt and pepper, though samples are reflected by chance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from blender_process import in_blender
+from speckle import NOISE, speckle_share
+
+from oaisys_core.geometry import pose_looking_at
+
+pytestmark = pytest.mark.blender
+
+MOST = 0.01
+ABOVE, GRAZING = (
+    pose_looking_at((-5.0, -4.0, 4.0), (0.0, 0.0, 0.0)),
+    pose_looking_at((-12.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
+)
+SUNNY, DUSK = 30.0, -1.0
+"""Elevations of the sun: at dusk, only the sky shines."""
+
+LAYERS = {"pools": ("gravel", "sand"), "ice": ("ice", "mud")}
+
+
+def world(kind: str) -> dict[str, Any]:
+    stage: dict[str, Any] = {
+        "preset": "mounds", "extent_m": 32.0, "resolution_px": 193, "relief_m": 0.6
+    }  # fmt: skip
+    if kind == "pools":
+        stage["water"] = {"level_share": 0.62, "clarity_m": 1.5, "semantic_id": 40}
+    layers = [
+        {"texture": texture, "label": texture, "semantic_id": 1 + index}
+        for index, texture in enumerate(LAYERS[kind])
+    ]
+    return {
+        "seed": 2,
+        "stage": stage,
+        "materials": {"layers": layers},
+        "assets": {"rocks": []},
+        "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "modalities": ["rgb"]}]},
+    }
+
+
+def test_the_measure_counts_noise_and_neither_stones_nor_edges() -> None:
+    rng = np.random.default_rng(0)
+    clean = np.full((48, 64, 3), 90, np.uint8)
+    clean[:, 40:] = 160
+    clean[rng.uniform(size=(48, 64)) < 0.05] = 200
+    noisy = clean.copy()
+    is_noise = rng.uniform(size=(48, 64)) < 0.04
+    noisy[is_noise] += np.uint8(4 * NOISE)
+
+    assert speckle_share(clean, clean) == 0
+    assert speckle_share(np.roll(clean, 1, axis=1), clean) < 0.01
+    assert speckle_share(noisy, clean) == pytest.approx(0.03, abs=0.015)
+
+
+@pytest.mark.parametrize(
+    ("kind", "suns", "qualities"),
+    [
+        ("pools", (SUNNY, DUSK), ("preview", "standard")),
+        pytest.param("ice", (SUNNY,), ("standard",), marks=pytest.mark.long),
+    ],
+)
+def test_what_reflects_by_chance_is_as_smooth_as_with_many_samples(
+    kind: str, suns: tuple[float, ...], qualities: tuple[str, ...]
+) -> None:
+    found = in_blender("water.pictures", world(kind), [ABOVE, GRAZING], suns, [*qualities, "final"])
+    shares = {
+        each: speckle_share(picture, found[*each[:2], "final"]) for each, picture in found.items()
+    }
+    assert max(shares.values()) < MOST, shares
+    assert len(shares) == 2 * len(suns) * (len(qualities) + 1)
