@@ -71,17 +71,13 @@ class Cycles:
         render.use_compositing = render.use_sequencer = False
         layer = bpy.context.view_layer
         # The meter tells the sky by it.
-<<<<<<< HEAD
-        bpy.context.view_layer.use_pass_z = True
-        # For the denoiser, and to tell ground whose shader failed.
-        bpy.context.view_layer.cycles.denoising_store_passes = True
-=======
         layer.use_pass_z = True
+        # For the denoiser, and to tell ground whose shader failed.
+        layer.cycles.denoising_store_passes = True
         # Denoising tells by them what samples see by chance.
         layer.use_pass_material_index = layer.use_pass_glossy_color = True
         # They are those of the first surface, however clear it is.
         layer.pass_alpha_threshold = 0.0
->>>>>>> 034407e (Denoise water and grazing ice without salt and pepper)
         render.threads_mode = "AUTO"
         cycles = scene.cycles
         cycles.use_adaptive_sampling = False
