@@ -30,6 +30,7 @@ def crater_field(
     smallest_m: float,
     coverage: float = 0.05,
     exponent: float = 2.0,
+    has_largest: bool = False,
 ) -> FloatArray:
     """Return (size_px, size_px) elevations in metres of a plain with craters of all ages.
 
@@ -41,12 +42,19 @@ def crater_field(
         coverage: Share of the ground that the craters of one octave of sizes cover.
         exponent: The number of craters above a diameter D goes as D**-exponent; 2 is near
             equilibrium, 3 is typical of small craters on a young surface.
+        has_largest: Whether one crater, fresh and complete, has the largest diameter; by chance,
+            there may be none nearly as large.
     """
     diameter_m = crater_diameters(extent_m, rng, largest_m, smallest_m, coverage, exponent)
     count = len(diameter_m)
     margin_m = largest_m / 2
     center_m = rng.uniform(-margin_m, extent_m + margin_m, (count, 2))
     age = rng.uniform(size=count)
+    if has_largest:
+        diameter_m = np.append(diameter_m, largest_m)
+        inside_m = rng.uniform(largest_m / 2, extent_m - largest_m / 2, (1, 2))
+        center_m, age = np.concatenate((center_m, inside_m)), np.append(age, 0.0)
+        count += 1
     # Old craters first, so that young ones cut into them.
     order = np.argsort(-age)
     spacing_m = extent_m / (size_px - 1)

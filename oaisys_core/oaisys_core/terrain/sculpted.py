@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.terrain.craters import crater_field
+from oaisys_core.terrain.craters import DEPTH_SHARE, crater_field
 from oaisys_core.terrain.erosion import REPOSE_DEG, slides
 from oaisys_core.terrain.landform import (
     Elevation,
@@ -13,11 +15,12 @@ from oaisys_core.terrain.landform import (
     grounded,
     refined,
     relief_or,
-    scaled,
     unevenness,
 )
 from oaisys_core.terrain.noise import fractal, grid, warped
 from oaisys_core.types import FloatArray
+
+logger = logging.getLogger(__name__)
 
 SAND_PX = 385
 """Grid size for sliding sand, at any resolution of the ground."""
@@ -32,6 +35,11 @@ RIPPLE_HEIGHT_M = 0.012
 
 CLIFF_CELLS = 1.0
 """Standard deviation in cells of the smoothing of cliffs, which stay as steep as 83 degrees."""
+
+
+LARGEST_CRATER, LEAST_LARGEST_CRATER, MOST_LARGEST_CRATER = 0.33, 1 / 400, 0.9
+"""Diameter of the largest crater in edges of the stage: usually, below which there are none, and at
+most."""
 
 
 def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -129,18 +137,40 @@ def _strata(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
 
 
 def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
-    """A plain under impact craters of all sizes and ages, as on the Moon."""
-    largest_m = 0.33 * spec.extent_m
+    """A plain under impact craters of all sizes and ages, as on the Moon.
+
+    Relief is the depth of the largest crater, which is fresh, and whose diameter follows: at any
+    relief, craters are as deep for their size.
+    """
+    largest_m = LARGEST_CRATER * spec.extent_m
+    swell_m = 0.012 * spec.extent_m
+    if spec.relief_m is not None:
+        usual_m, largest_m = largest_m, _diameter_m(spec.relief_m, spec.extent_m)
+        swell_m *= min(largest_m / usual_m, 1.0)
     smallest_m = max(0.4, spec.extent_m / 400)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 3.0)
-    swells = fractal(x, y, rng, octaves=4, gain=0.5)
-    pits_m = crater_field(
-        spec.resolution_px, spec.extent_m, rng, largest_m=largest_m, smallest_m=smallest_m
-    )
-    large_m = pits_m + 0.012 * spec.extent_m * swells
-    if spec.relief_m is not None:
-        large_m = scaled(large_m, spec.relief_m)
+    large_m = swell_m * fractal(x, y, rng, octaves=4, gain=0.5)
+    if largest_m > LEAST_LARGEST_CRATER * spec.extent_m:
+        large_m = large_m + crater_field(
+            spec.resolution_px,
+            spec.extent_m,
+            rng,
+            largest_m=largest_m,
+            smallest_m=min(smallest_m, largest_m / 2),
+            has_largest=spec.relief_m is not None,
+        )
     return grounded(large_m + spec.roughness * 0.18 * unevenness(spec, rng))
+
+
+def _diameter_m(depth_m: float, extent_m: float) -> float:
+    """Return the diameter of a fresh crater of a depth, as large as a stage can have it."""
+    most_m = MOST_LARGEST_CRATER * extent_m
+    if depth_m > DEPTH_SHARE * most_m:
+        logger.warning(
+            "stage.relief_m: received %g, but the largest crater on a stage of %g m is %.3g m deep",
+            depth_m, extent_m, DEPTH_SHARE * most_m,
+        )  # fmt: skip
+    return min(depth_m / DEPTH_SHARE, most_m)
 
 
 def _turned_grid(

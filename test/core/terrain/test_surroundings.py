@@ -13,7 +13,7 @@ from oaisys_core.terrain.presets import make_ground
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.kinds import EARTH_RADIUS_M, Surroundings
 from oaisys_core.terrain.surroundings.land import land_around
-from oaisys_core.terrain.surroundings.plain import plain_around
+from oaisys_core.terrain.surroundings.plain import EDGE_POINTS, plain_around
 from oaisys_core.terrain.surroundings.spectrum import relief_spectrum
 
 EXTENT_M = 60.0
@@ -170,3 +170,24 @@ def test_a_level_plain_looks_level_at_the_stages_edge() -> None:
     np.testing.assert_allclose(mesh.vertex_normals[used], [(0, 0, 1)] * used.sum(), atol=1e-6)
     reach_m = np.abs(plain.vertices_m[used][:, :2]).max(axis=1)
     assert reach_m.min() == pytest.approx(8.0), "the plain begins at the stage's edge"
+
+
+@pytest.mark.parametrize("preset", ["craters", "mesa", "canyon", "mounds"])
+def test_walls_that_a_stage_cuts_fade_on_the_plain(preset: str) -> None:
+    """They went on outward as trenches and ridges, as steep as at the edge."""
+    ground = make_ground(preset, 64.0, 385, np.random.default_rng(7))
+    plain = plain_around(ground)
+    rings_m = plain.vertices_m.reshape(-1, 4 * EDGE_POINTS, 3).astype(np.float64)
+    reach = np.abs(rings_m[:, :, 0]).max(axis=1) / 32
+    steps_m = np.diff(rings_m, axis=1, append=rings_m[:, :1])
+    steep = np.abs(steps_m[..., 2]) / np.linalg.norm(steps_m[..., :2], axis=-1)
+    slope_deg = np.degrees(np.arctan(steep.max(axis=1)))
+
+    assert slope_deg[1] > 25, "the edge cuts walls"
+    assert slope_deg[reach > 1.35].max() < 16
+    assert slope_deg[reach > 1.8].max() < 3
+    at_edge = rings_m[1]
+    np.testing.assert_allclose(ground.height_at(at_edge[:, :2] * 0.9999), at_edge[:, 2], atol=0.15)
+    assert (rings_m[1:, :, 2] >= plain.level_m - 1e-5).all(), (
+        "rays meet the plane where it is higher"
+    )

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import pearsonr
 
+from oaisys_core.scene import HeightField
+from oaisys_core.terrain import craters
 from oaisys_core.terrain.craters import crater_diameters, crater_field, crater_profile
 from oaisys_core.terrain.erosion import drained_area, slides, streams
 from oaisys_core.terrain.presets import PRESETS, make_ground
+from oaisys_core.types import FloatArray
 
 ROUGH = sorted(PRESETS.keys() - {"plane"})
 
@@ -149,3 +154,65 @@ def test_cliffs_do_not_follow_the_grid_in_steps(preset: str) -> None:
     turned = np.angle(np.exp(1j * np.diff(facing)))[steep[:, 1:] & steep[:, :-1]]
     assert np.degrees(np.sqrt(np.mean(turned**2))) < 9
     assert np.degrees(np.arctan(slope.max())) > 75
+
+
+@pytest.mark.parametrize(("extent_m", "size_px"), [(16.0, 385), (512.0, 257)])
+@pytest.mark.parametrize("share", [None, 0.06, 0.15])
+def test_craters_are_a_fifth_as_deep_as_wide_at_any_relief(
+    extent_m: float, size_px: int, share: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of fresh ones, which `relief_m` stretched to 0.58 of their diameter (Pike 1977: 0.2)."""
+    drawn: list[tuple[FloatArray, float, float]] = []
+    add = craters._add_crater
+
+    def record(field: FloatArray, spacing_m: float, *crater: Any) -> None:
+        add(field, spacing_m, *crater)
+        drawn.append(crater[:3])
+
+    monkeypatch.setattr(craters, "_add_crater", record)
+    relief_m = None if share is None else share * extent_m
+    rng = np.random.default_rng(1)
+    ground = make_ground("craters", extent_m, size_px, rng, roughness=0.0, relief_m=relief_m)
+
+    if relief_m is not None:
+        assert np.ptp(ground.elevation_m) == pytest.approx(relief_m, rel=0.35)
+    depths = [depth_share(ground, *drawn[index][:2]) for index in complete(drawn, ground)]
+    assert depths
+    assert 0.16 < np.median(depths) < 0.21
+    assert max(depths) < 0.27
+
+
+def complete(drawn: list[tuple[FloatArray, float, float]], ground: HeightField) -> list[int]:
+    """Return the craters that are fresh, inside, of many cells, and hit by no large later one."""
+    found = []
+    for index, (centre_m, diameter_m, age) in enumerate(drawn):
+        if age >= 0.15 or diameter_m < 8 * ground.spacing_m:
+            continue
+        low_m, high_m = centre_m - 0.499 * diameter_m, centre_m + 0.499 * diameter_m
+        inside = low_m.min() > 0 and high_m.max() < ground.extent_m[2] - ground.extent_m[0]
+        later = [
+            size_m
+            for other_m, size_m, _ in drawn[index + 1 :]
+            if size_m > diameter_m / 6
+            and np.hypot(*(other_m - centre_m)) < 0.8 * (diameter_m + size_m)
+        ]
+        if inside and not later:
+            found.append(index)
+    return found
+
+
+def depth_share(ground: HeightField, centre_m: FloatArray, diameter_m: float) -> float:
+    """Return the height of a crater's mean crest over its floor, in diameters."""
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    out = np.column_stack((np.cos(angle), np.sin(angle))) * diameter_m / 2
+    middle_m = centre_m + ground.origin_xy_m
+    crest_m = [ground.height_at(middle_m + at * out) for at in np.linspace(0.8, 1.15, 15)]
+    floor_m = [ground.height_at(middle_m + at * out).mean() for at in (0.0, 0.05, 0.1)]
+    return float((np.nanmax(crest_m, axis=0).mean() - min(floor_m)) / diameter_m)
+
+
+def test_more_relief_than_craters_can_have_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    make_ground("craters", 16.0, 65, np.random.default_rng(0), relief_m=5.0)
+    assert "stage.relief_m: received 5, but the largest crater" in caplog.text
+    level = make_ground("craters", 16.0, 65, np.random.default_rng(0), 0.0, relief_m=0.0)
+    assert np.ptp(level.elevation_m) == 0

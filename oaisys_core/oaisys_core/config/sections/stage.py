@@ -107,12 +107,15 @@ class StageConfig(Section):
         preset: Kind of terrain, see ``oaisys_core.terrain.presets``.
         extent_m: Edge length of the square stage, centred on the map's origin.
         resolution_px: Number of grid points along an edge.
-        relief_m: Height difference of the large forms; None for the default of the preset.
+        relief_m: Height difference of the large forms; None for the default of the preset. Of
+            ``craters`` it is the depth of the largest one, which is fresh and five times as wide,
+            so that no crater is stretched: at most 0.176 of ``extent_m``, or the log has a warning.
         roughness: Factor on the fine relief; 0 is smooth, 1 is the default of the preset.
         dem: Digital elevation model, instead of a preset.
         mesh: Mesh from a file, instead of a preset.
         surroundings: What the ground beyond the stage is: ``land`` with relief as on the stage and
-            larger forms behind, up to the horizon, or ``plain``, to which the stage slopes down.
+            larger forms behind, up to the horizon, or ``plain``, to which the stage slopes down;
+            walls and pits that the edge cuts fade on it within a fraction of their width.
             Exactly flat ground has a plain around it. See also ``environment.ground_beyond``.
         body: Whose curvature the land beyond the stage has: ``earth``, ``moon``, ``mars``, or the
             radius of another body in metres.

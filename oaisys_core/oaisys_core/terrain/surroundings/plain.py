@@ -1,5 +1,8 @@
 """The plain: beyond its edge, the stage slopes down to a level plane up to the horizon.
 
+What is narrow along the edge, such as the walls of a crater that it cuts, fades within a fraction
+of its width; it would go on outward as a trench.
+
 Colour is rendered from triangles. Depth and labels are cast at the triangles of the slope and at
 the infinite level plane.
 """
@@ -10,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.scene import Ground
+from oaisys_core.terrain.surroundings.border import BorderContinuation, border_of
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 
 EDGE_POINTS = 192
@@ -36,18 +40,24 @@ def plain_around(stage: Ground) -> FarGround:
     x0, y0, x1, y1 = stage.extent_m
     half_m = np.array(((x1 - x0) / 2, (y1 - y0) / 2))
     centre_m = np.array((x0, y0)) + half_m
-    t = np.linspace(-1.0, 1.0, EDGE_POINTS, endpoint=False)
-    one = np.ones(EDGE_POINTS)
+    along = np.linspace(0.0, 1.0, EDGE_POINTS, endpoint=False)
+    t, one = 2 * along - 1, np.ones(EDGE_POINTS)
     sides = ((t, -one), (one, t), (-t, one), (-one, -t))
     edge = np.concatenate([np.column_stack(side) for side in sides])
-    # Sampled just inside, because not every kind of ground has heights on its edge.
-    height_m = stage.height_at(centre_m + edge * half_m * 0.9999)
-    lowest_m = np.nanmin(height_m) if np.isfinite(height_m).any() else 0.0
-    height_m = np.where(np.isfinite(height_m), height_m, lowest_m)
+    border = border_of(stage)
+    starts = np.cumsum((0, *border.cells, border.cells[0]))
+    counts = np.array((*border.cells, *border.cells))
+    places = (starts[:, None] + along * counts[:, None]).ravel()
+    continuation = BorderContinuation(border)
+    lowest_m = float(border.height_m.min())
 
     scale = np.array((*SLOPE, *LEVEL))[:, None]
     share = np.clip((scale - 1.0) / (FLAT_AT - 1.0), 0.0, 1.0)
-    z = lowest_m + (height_m - lowest_m) * (1.0 - share) ** 2 * (1.0 + 2.0 * share)
+    offset_m = np.maximum(scale[:, 0] - 1.0, 0.0) * half_m.min()
+    height_m = np.array([continuation.at(each, places) for each in offset_m])
+    z = (height_m - lowest_m) * (1.0 - share) ** 2 * (1.0 + 2.0 * share)
+    # Rays meet the level plane wherever it is higher.
+    z = lowest_m + np.maximum(z, 0.0)
     z[0] -= SUNK_M
     xy = centre_m + scale[..., None] * edge * half_m
     vertices_m = np.concatenate((xy, z[..., None]), axis=-1).reshape(-1, 3).astype(np.float32)
