@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from oaisys_core.color import encoded, linear
 from oaisys_core.textures.fields import normals_from_height
+from oaisys_core.textures.normal_maps import decode_normals, encode_normals
 from oaisys_core.types import FloatArray
 from oaisys_core.world.terrain_material import PbrMaps
 
@@ -75,10 +75,10 @@ def with_relief(maps: PbrMaps, displacement_m: float | None, strength: float) ->
         return replace(maps, normal_gl=normal)
     if strength == 1:
         return maps
-    slopes: NDArray[np.float32] = maps.normal_gl.astype(np.float32) / np.float32(127.5) - 1
+    slopes = decode_normals(maps.normal_gl)
     slopes[..., :2] *= np.float32(strength)
     unit = slopes / np.linalg.norm(slopes, axis=-1, keepdims=True)
-    return replace(maps, normal_gl=np.rint((unit + 1) * 127.5).astype(np.uint8))
+    return replace(maps, normal_gl=encode_normals(unit))
 
 
 def _tone(curves: Curves, channel: str) -> FloatArray:

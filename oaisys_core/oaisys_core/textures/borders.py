@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
-from oaisys_core.world.terrain_material import PbrMaps, TerrainMaterial
-from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
+from oaisys_core.world.terrain_material import PbrMaps
 
 Image = NDArray[np.float32]
 N = TypeVar("N", float, FloatArray)
@@ -43,34 +42,13 @@ WIDTH = 0.24
 CRISPNESS = 0.3
 """Share by which such a border is steeper than that function, which has no end."""
 
-LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
-"""Texture lookups of each kind of tiling."""
-
-MOST_LOOKUPS = 6
-"""Materials whose layers need more are blended by masks alone: each is made at every point, and
-Cycles keeps its result on a stack of 255 numbers. Where these do not suffice, all is black."""
-
-MOST_TURNED_LOOKUPS, MOST_TURNED_LAYERS = 4, 2
-"""Materials with a turned texture may exceed one of the two but not both, for the same reason."""
-
 HEIGHT_BINS = 2048
 
 NEGLIGIBLE = 1.5 / 255
-"""Weights below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
+"""Weights below it count as 0, and above 1 minus it as 1."""
 
 LEAST_WEIGHT = 1e-8
 """Instead of a negligible weight, whose logarithm is taken."""
-
-
-def follows_relief(material: TerrainMaterial) -> bool:
-    """Return whether borders of a material follow the relief of its layers."""
-    tilings = [layer.tiling for layer in material.layers]
-    lookups = sum(LOOKUPS[type(tiling)] for tiling in tilings)
-    if any(isinstance(tiling, VoronoiTiling) for tiling in tilings):
-        is_small = lookups <= MOST_TURNED_LOOKUPS or len(tilings) <= MOST_TURNED_LAYERS
-    else:
-        is_small = lookups <= MOST_LOOKUPS
-    return len(tilings) > 1 and is_small
 
 
 class Heights(NamedTuple):

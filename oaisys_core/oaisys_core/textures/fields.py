@@ -7,6 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.terrain.noise import Field, fractal, spectral
+from oaisys_core.textures.normal_maps import encode_normals
 from oaisys_core.types import FloatArray
 
 OCCLUDING_SLOPE = 1.1
@@ -220,4 +221,4 @@ def normals_from_height(height: Field, relief_m: float, tile_m: float) -> NDArra
     up = (np.roll(height, 1, axis=0) - np.roll(height, -1, axis=0)) * (per_px / 2)
     normal = np.stack((-right, -up, np.ones_like(height)), axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return np.asarray(np.rint((normal * 0.5 + 0.5) * 255), np.uint8)
+    return encode_normals(normal)

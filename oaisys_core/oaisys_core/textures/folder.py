@@ -13,6 +13,7 @@ from oaisys_core.files.images import TEXTURE, read_pixels
 from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures.fields import normals_from_height
+from oaisys_core.textures.normal_maps import encode_normals
 
 KEYWORDS = {
     "color": ("diffuse", "diff", "albedo", "basecolor", "base_color", "color", "col"),
@@ -132,7 +133,8 @@ def _normals(files: Maps, size: int, height: Image | None, tile_m: float) -> NDA
             image = _resized(_image(files[kind]), size)
             if kind == "normal_dx":
                 image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
-            return _bytes(image)
+            # Bytes of 127 and 128 are both flat: programs differ in which of them they write.
+            return encode_normals(2 * image - 1)
     flat = np.zeros((size, size), np.float32)
     return normals_from_height(flat if height is None else height, FOLDER_RELIEF_M, tile_m)
 

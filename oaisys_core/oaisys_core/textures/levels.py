@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encoded, linear
+from oaisys_core.textures.normal_maps import decode_normals, encode_normals
 from oaisys_core.world.terrain_material import PbrMaps
 
 LEAST_PX = 8
@@ -43,7 +44,7 @@ def levels_of(maps: PbrMaps) -> tuple[PbrMaps, ...]:
                 maps,
                 color_srgb=encoded(color * flatness),
                 height=height,
-                normal_gl=_coded(facing / facing[..., 2:]),
+                normal_gl=encode_normals(np.clip(facing / facing[..., 2:], -1, 1)),
                 roughness=roughness,
             )
         )
@@ -60,13 +61,9 @@ def level_at(maps: PbrMaps, levels: int, footprint_m: float) -> int:
 
 def _facing(normal_gl: NDArray[np.uint8]) -> Image:
     """Return unit normals with the horizontal components of a normal map as slopes."""
-    lean = np.arange(256, dtype=np.float32)[normal_gl] / np.float32(127.5) - 1
+    lean = decode_normals(normal_gl)
     lean[..., 2] = 1
     return np.asarray(lean / np.linalg.norm(lean, axis=-1, keepdims=True))
-
-
-def _coded(lean: Image) -> NDArray[np.uint8]:
-    return np.asarray(np.rint((lean + 1) * np.float32(127.5)), np.uint8)
 
 
 def _smaller(image: Image, size_px: int) -> Image:

@@ -32,7 +32,8 @@ class PbrMaps:
         name: Name in messages and cache keys.
         color_srgb: (N, N, 3) uint8, sRGB-encoded albedo; row 0 is the top of the image.
         height: (N, N) float32, 0 to 1.
-        normal_gl: (N, N, 3) uint8, tangent-space normals in OpenGL's convention (green up).
+        normal_gl: (N, N, 3) uint8, tangent-space normals in OpenGL's convention (green up), see
+            `oaisys_core.textures.normal_maps`.
         roughness: (N, N) uint8, linear.
         tile_m: Edge length of one tile in metres.
         subsurface: Share of the light that comes out again some centimetres from where it went

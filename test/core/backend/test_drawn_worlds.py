@@ -18,7 +18,7 @@ from world_judge import SPECKLE, standing_out
 from oaisys_core.config import config_from_mapping
 from oaisys_core.types import RGB, Frame, PinholeIntrinsics
 
-EVERY_DAY = range(1, 7)
+EVERY_DAY = range(11, 17)
 LONG = [range(first, first + 6) for first in range(11, 71, 6)]
 SOME, MANY = range(40), range(300)
 

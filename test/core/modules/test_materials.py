@@ -161,7 +161,7 @@ def test_a_label_image_is_mapped_by_its_pixels(tmp_path: Path) -> None:
     assert (by_colour[0] == np.where(grey == 7, 6, 1)).all()
     with pytest.raises(InvalidInputError, match="#00ff00"):
         load_label_image(path, {"#ffffff": (6,)}, (1,))
-    with pytest.raises(InvalidInputError, match="readable"):
+    with pytest.raises(InvalidInputError, match="that can be read"):
         load_label_image(tmp_path / "none.png", {"0": (6,)}, (1,))
 
 
@@ -192,7 +192,7 @@ def test_colours_turn_and_scale_in_linear_light() -> None:
 def test_relief_gives_the_slopes_of_its_height_map() -> None:
     x = (np.arange(64) + 0.5) / 64
     wave = np.broadcast_to(0.5 + 0.5 * np.sin(2 * np.pi * x), (64, 64))
-    lit = with_relief(maps((90, 90, 90), wave), 0.1, 1.0).normal_gl.astype(float) / 127.5 - 1
+    lit = (with_relief(maps((90, 90, 90), wave), 0.1, 1.0).normal_gl.astype(float) - 128) / 127
     slope = -lit[..., 0] / lit[..., 2]
     expected = 0.05 * 2 * np.pi / 2.0 * np.cos(2 * np.pi * x)
     assert np.allclose(slope, expected, atol=0.012)

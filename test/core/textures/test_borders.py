@@ -1,6 +1,5 @@
 """Borders between layers of the ground follow the relief of their textures."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -17,15 +16,13 @@ from oaisys_core.textures.borders import (
     NEGLIGIBLE,
     Heights,
     borders,
-    follows_relief,
     height_levels,
     keys,
     mixed,
     relief_weights,
 )
 from oaisys_core.textures.levels import levels_of
-from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
-from oaisys_core.world.tiling import stochastic_tiling
+from oaisys_core.world.terrain_material import PbrMaps
 
 
 def maps(height: NDArray[Any]) -> PbrMaps:
@@ -110,15 +107,3 @@ def test_flat_textures_blend_as_their_masks() -> None:
     (border,) = borders([0.0, 0.0])
     factor, _ = mixed(keys(flat, weight), keys(flat, 1 - weight), border)
     np.testing.assert_allclose(factor, weight, atol=0.02)
-
-
-def test_materials_of_many_layers_or_lookups_are_blended_by_masks() -> None:
-    plain = TerrainLayer("a", (1,), maps(np.eye(8)))
-    shifted = replace(plain, tiling=stochastic_tiling(1.0, np.random.default_rng(1)))
-
-    def follows(*layers: TerrainLayer) -> bool:
-        masks = np.ones((len(layers), 2, 2), np.float32)
-        return follows_relief(TerrainMaterial(layers, masks, (0.0, 0.0, 1.0, 1.0)))
-
-    assert all((follows(plain, plain), follows(*[plain] * 6), follows(shifted, shifted)))
-    assert not any((follows(plain), follows(*[plain] * 7), follows(shifted, shifted, plain)))

@@ -31,7 +31,7 @@ def test_maps_have_their_types_and_ranges(made: dict[str, PbrMaps], name: str) -
     assert (maps.height.shape, maps.height.dtype) == ((SIZE, SIZE), np.float32)
     assert (maps.height.min(), maps.height.max()) == (0.0, 1.0)
     assert (maps.roughness.shape, maps.roughness.dtype) == ((SIZE, SIZE), np.uint8)
-    normal = maps.normal_gl.astype(float) / 127.5 - 1
+    normal = (maps.normal_gl.astype(float) - 128) / 127
     assert np.allclose(np.linalg.norm(normal, axis=-1), 1, atol=0.02)
     assert maps.tile_m > 0.5
 

@@ -60,11 +60,11 @@ def test_facets_reflect_as_much_as_they_did_together(sun: tuple[float, float, fl
     # Leaning to all sides by up to 0.4, and all of them by 0.1 to one side.
     lean = rng.uniform(-0.4, 0.4, (SIZE, SIZE, 2)) + np.array((0.1, 0.0))
     normal = np.full((SIZE, SIZE, 3), 255, np.uint8)
-    normal[..., :2] = np.rint((lean + 1) * 127.5)
+    normal[..., :2] = np.rint(lean * 127 + 128)
     maps = maps_of(np.full((SIZE, SIZE, 3), 180, np.uint8), normal)
 
     def reflected(level: PbrMaps) -> float:
-        vector = level.normal_gl / 127.5 - 1
+        vector = (level.normal_gl.astype(float) - 128) / 127
         vector[..., 2] = 1
         vector /= np.linalg.norm(vector, axis=-1, keepdims=True)
         return float((luminance(level.color_srgb)[..., 0] * (vector @ np.array(sun))).mean())

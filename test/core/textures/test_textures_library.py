@@ -56,7 +56,7 @@ def test_the_seam_is_like_any_other_row(made: dict[str, PbrMaps], name: str) -> 
 @pytest.mark.parametrize("name", NAMES)
 def test_normals_are_those_of_the_height_map(made: dict[str, PbrMaps], name: str) -> None:
     maps = made[name]
-    normal = maps.normal_gl / 127.5 - 1
+    normal = (maps.normal_gl.astype(float) - 128) / 127
     # Sobel's differences by OpenCV look along rows and columns as ours do, but are another filter:
     # they are compared on a smoothed surface, where both see the same slope.
     wrapped = np.pad(maps.height, 8, mode="wrap")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 from unittest import mock
@@ -42,28 +42,37 @@ def blocks(scenes: Sequence[Scene]) -> list[dict[str, int]]:
     return counts
 
 
-def lookups_by_level(scene: Scene) -> list[set[tuple[str, float]]]:
-    """Which images each level of the ground's textures looks up, and how far aside, in tiles."""
+def lookups_by_level(scene: Scene) -> list[set[tuple[str, str]]]:
+    """Which images each level of the ground's textures looks up, and where, as Cycles sees it."""
     BlenderBackend().build(scene, ignore)
     groups = [g for g in bpy.data.node_groups if g.name.startswith("ground_level")]
-    return [
-        {
-            _lookup(node)
-            for layer in level.nodes
-            if layer.type == "GROUP" and layer.node_tree.name.startswith("ground_layer")
-            for node in layer.node_tree.nodes
-            if node.type == "TEX_IMAGE"
-        }
-        for level in groups
-    ]
+    return [set(_lookups(level, {})) for level in groups]
 
 
-def _lookup(texel: Any) -> tuple[str, float]:
-    """An image and the horizontal shift of its coordinates."""
-    link = texel.inputs["Vector"].links[0].from_node
-    if link.type == "VECT_MATH":
-        return texel.image.name, link.inputs[2].default_value[0]
-    return texel.image.name, texel.texture_mapping.translation[0]
+def _lookups(tree: Any, inputs: dict[Any, str]) -> Iterator[tuple[str, str]]:
+    """Yield each image in a tree and its groups, and the formula of its coordinates."""
+    for node in tree.nodes:
+        if node.type == "TEX_IMAGE":
+            moved = tuple(node.texture_mapping.translation)
+            yield node.image.name, f"{moved} {_formula(node.inputs['Vector'], inputs)}"
+        elif node.type == "GROUP":
+            given = {each.identifier: _formula(each, inputs) for each in node.inputs}
+            yield from _lookups(node.node_tree, given)
+
+
+def _formula(socket: Any, inputs: dict[Any, str]) -> str:
+    """Return what a socket is computed from; ``inputs`` are those of its group by identifier."""
+    if not socket.is_linked:
+        return str(tuple(socket.default_value) if socket.type != "VALUE" else socket.default_value)
+    link = socket.links[0]
+    node = link.from_node
+    if node.type == "GROUP_INPUT":
+        return inputs[link.from_socket.identifier]
+    name = f"{node.type} {getattr(node, 'operation', '')} {getattr(node, 'image', '')}"
+    if node.type == "GROUP":
+        name += node.node_tree.name
+    parts = ", ".join(_formula(each, inputs) for each in node.inputs if each.enabled)
+    return f"{name} {link.from_socket.identifier}({parts})"
 
 
 def albedos(

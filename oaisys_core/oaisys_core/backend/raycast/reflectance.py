@@ -11,7 +11,7 @@ from oaisys_core.backend.raycast.shading import Palette
 from oaisys_core.backend.surface import View
 from oaisys_core.color import linear
 from oaisys_core.scene import PbrMaps, Scene, TerrainLayer
-from oaisys_core.textures.borders import follows_relief, gumbel_heights, relief_weights
+from oaisys_core.textures.borders import gumbel_heights, relief_weights
 from oaisys_core.types import FloatArray
 
 Image = NDArray[np.float32]
@@ -81,9 +81,8 @@ class Reflectance:
             seen = np.flatnonzero(weights[:, index] > 0)
             found = self._of_layer(layer, xy_m[seen], width_m[seen])
             texels[seen, index], heights[seen, index], variances[seen, index] = found.T
-        if follows_relief(material):
-            mixed = np.flatnonzero((weights > 0).sum(axis=1) > 1)
-            weights[mixed] = relief_weights(weights[mixed], heights[mixed], variances[mixed])
+        mixed = np.flatnonzero((weights > 0).sum(axis=1) > 1)
+        weights[mixed] = relief_weights(weights[mixed], heights[mixed], variances[mixed])
         of_ground = np.einsum("nl,nl->n", weights, texels)
         if material.macro is not None:
             of_ground *= material.macro.factors_at(xy_m).mean(axis=1)

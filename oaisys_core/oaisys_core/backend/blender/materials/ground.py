@@ -1,20 +1,23 @@
 """The ground's material: layers of texture, mixed by their masks.
 
-Each layer, and each level of the textures, is a surface of its own, because Cycles evaluates only
-those surfaces of a mixture whose weight is not 0: nearly everywhere, that is a single one.
+Each level of the textures, each plane that they are projected onto, and each layer is a surface of
+its own, because Cycles evaluates only those surfaces of a mixture whose weight is not 0.
+
+Cycles keeps numbers that are still needed on a stack of 255; where these do not suffice, it says so
+on standard error and renders black. So no part of the material may leave anything on it that
+another layer needs: see `ground_level`. With 16 layers and everything else on, half of it is free.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from math import e, log2
+from math import log2
 from typing import Any
 
 import bpy
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.materials.contact import contact_image, with_rims
@@ -22,13 +25,13 @@ from oaisys_core.backend.blender.materials.ground_layer import MaterialLevel, Ma
 from oaisys_core.backend.blender.materials.ground_level import LevelNodes
 from oaisys_core.backend.blender.materials.haze import through_haze
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, mean_colors, new_image
-from oaisys_core.backend.blender.materials.land import land_place, land_relief, land_share
-from oaisys_core.backend.blender.materials.nodes import (
-    NodeTree,
-    Socket,
-    in_group,
-    number_group,
+from oaisys_core.backend.blender.materials.land import land_relief
+from oaisys_core.backend.blender.materials.layer_weights import (
+    LayerWeights,
+    mask_images,
+    mask_place,
 )
+from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket, in_group
 from oaisys_core.backend.blender.materials.surfaces import (
     is_glossy,
     new_material,
@@ -39,22 +42,22 @@ from oaisys_core.backend.blender.materials.water import wet
 from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
-from oaisys_core.textures.borders import LEAST_WEIGHT, LOOKUPS, NEGLIGIBLE, follows_relief
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.contact_map import ContactMap
 from oaisys_core.world.terrain_material import TerrainMaterial
+from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
+
+LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
+"""Texture lookups of each kind of tiling."""
 
 MAX_LOOKUPS = 100
 """A material with more lookups over all layers, sides and levels uses every other level only."""
-
-CHANNELS = 4
-"""Masks per image."""
 
 MEAN_PX = 256
 """Edge length of the image of the ground that indirect light sees."""
 
 NUDGE_M = 1e-6
-"""See `NUDGE_TILES`, for the colour of fines."""
+"""See `NUDGE`, for the colour of fines."""
 
 
 class GroundMaterials:
@@ -104,14 +107,11 @@ class GroundMaterials:
     def _made(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
         result = new_material(name)
         tree = NodeTree(node_tree_of(result))
-        shares = None
+        weights = None
         if len(self._material.layers) > 1:
-            make = partial(
-                layer_shares, material=self._material, masks=self._masks, land_masks=land_masks
-            )
-            shares = number_group(f"{name}_shares", make)
+            weights = LayerWeights(self._material, self._masks, land_masks)
         surfaces = [
-            in_group(tree, f"{name}_level", partial(self._level_surface, level, shares))
+            in_group(tree, f"{name}_level", partial(self._level_surface, level, weights))
             for level in self._levels
         ]
         _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
@@ -140,17 +140,19 @@ class GroundMaterials:
         show(tree, surface, airlight, height_m)
         return result
 
-    def _level_surface(self, level: MaterialLevel, shares_group: Any, tree: NodeTree) -> Socket:
-        return LevelNodes(tree, level, self._groups, shares_group).surface()
+    def _level_surface(
+        self, level: MaterialLevel, weights: LayerWeights | None, tree: NodeTree
+    ) -> Socket:
+        return LevelNodes(tree, level, self._groups, weights).surface()
 
     def _mean_color(self, tree: NodeTree, nudge_m: float = 0.0) -> Socket:
-        """Return the mean colour of the layers, at a place that may be nudged: `NUDGE_TILES`."""
+        """Return the mean colour of the layers, at a place that may be nudged: `NUDGE`."""
         if len(self._material.layers) == 1:
             return (*mean_colors(self._material, self._images)[0], 1.0)
         position = tree.add("NewGeometry").outputs["Position"]
         if nudge_m:
             position = tree.vector("ADD", position, (nudge_m, 0.0, 0.0))
-        inputs: dict[str | int, Any] = {"Vector": _mask_place(tree, self._material, position)}
+        inputs: dict[str | int, Any] = {"Vector": mask_place(tree, self._material, position)}
         texel = tree.add(
             "TexImage", inputs, image=self._mean, extension="MIRROR", interpolation="Closest"
         )
@@ -197,84 +199,3 @@ def footprints_m(material: TerrainMaterial) -> list[float]:
     lookups *= 3 if material.projects_sides else 1
     stride = 1 if lookups * octaves <= MAX_LOOKUPS else 2
     return [finest_m * 2**step for step in range(0, octaves + 1, stride)]
-
-
-def mask_images(weights: NDArray[np.float32], name: str) -> list[Any]:
-    """Return images of (L, R, C) weights of all layers but the first, `CHANNELS` to each."""
-    masks = weights[1:]
-    images = []
-    for first in range(0, len(masks), CHANNELS):
-        part = masks[first : first + CHANNELS]
-        pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
-        # The first mask is in alpha, which needs no node to separate.
-        pixels[..., -1] = part[0]
-        pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
-        images.append(new_image(f"{name}_{first}", pixels, is_float=False, is_color=False))
-    return images
-
-
-def layer_shares(
-    tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], land_masks: Sequence[Any]
-) -> list[Socket]:
-    """Return what layers are mixed by: numbers for `LevelNodes`.
-
-    Where borders follow the relief, these are the logarithms of the weights of all layers;
-    otherwise the share of each layer but the first in the weight of it and those before it.
-
-    Args:
-        tree: What to add nodes to.
-        material: A material of several layers.
-        masks: Images of the weights on the stage.
-        land_masks: Images of those on the land around it; none for the stage's own material.
-    """
-    position = tree.add("NewGeometry").outputs["Position"]
-    count = len(material.layers) - 1
-    place = _mask_place(tree, material, position)
-    weights = _weights(tree, masks, place, count, "MIRROR")
-    if material.land is not None and land_masks:
-        place = land_place(tree, material.land, position)
-        share = land_share(tree, material.land, position)
-        for index, far in enumerate(_weights(tree, land_masks, place, count, "REPEAT")):
-            change = tree.math("SUBTRACT", far, weights[index])
-            weights[index] = tree.math("MULTIPLY_ADD", change, share, weights[index])
-    if follows_relief(material):
-        return _logarithms(tree, weights)
-    shares: list[Socket] = []
-    rest: Socket = 1.0
-    for weight in reversed(weights):
-        shares.append(tree.math("DIVIDE", weight, rest) if shares else weight)
-        rest = tree.math("SUBTRACT", rest, weight)
-    return shares[::-1]
-
-
-def _logarithms(tree: NodeTree, weights: Sequence[Socket]) -> list[Socket]:
-    """Return the logarithms of the weights of all layers, given those of all but the first."""
-    first: Socket = 1.0
-    for weight in weights:
-        first = tree.math("SUBTRACT", first, weight)
-    rest = [tree.math("SUBTRACT", weight, NEGLIGIBLE) for weight in (first, *weights)]
-    least = [tree.math("MAXIMUM", each, LEAST_WEIGHT) for each in rest]
-    return [tree.math("LOGARITHM", each, e) for each in least]
-
-
-def _weights(
-    tree: NodeTree, masks: Sequence[Any], place: Socket, count: int, extension: str
-) -> list[Socket]:
-    """Return the weights of all layers but the first, ``count`` in number, in images of masks."""
-    weights: list[Socket] = []
-    for image in masks:
-        texel = tree.add("TexImage", {"Vector": place}, image=image, extension=extension)
-        left = count - len(weights)
-        weights.append(texel.outputs["Alpha"])
-        if left > 1:
-            channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
-            weights.extend(channels.outputs[: min(left, CHANNELS) - 1])
-    return weights
-
-
-def _mask_place(tree: NodeTree, material: TerrainMaterial, position: Socket) -> Socket:
-    """Return the place in images of the whole ground at a position."""
-    x0, y0, x1, y1 = material.extent_m
-    size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
-    start = (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
-    return tree.vector("MULTIPLY_ADD", position, size_inverse, start)

@@ -32,7 +32,6 @@ from oaisys_core.textures.borders import (
     NEGLIGIBLE,
     LayerBorder,
     borders,
-    follows_relief,
     keys,
     mixed,
 )
@@ -107,7 +106,6 @@ class GroundAlbedo:
         self._material = material
         self._images = images
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
-        self._follows_relief = follows_relief(material)
         self._footprints_m = np.array(footprints_m(material))
         self._colors: dict[int, NDArray[np.uint8]] = {}
         self._varies = varies(material)
@@ -115,9 +113,7 @@ class GroundAlbedo:
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
-        self._borders: list[list[LayerBorder]] = []
-        if self._follows_relief:
-            self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
+        self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
         self._is_plain = [
             isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
             for layer in material.layers
@@ -199,15 +195,11 @@ class GroundAlbedo:
             if not present[index]:
                 continue
             texel = self._texels(layer.maps, level, xy_m)
-            amount = keys(texel[..., 3], weight) if self._follows_relief else weight
+            key = keys(texel[..., 3], weight)
             if result is None:
-                result, below = texel, amount
+                result, below = texel, key
                 continue
-            if self._follows_relief:
-                factor, below = mixed(amount, below, self._borders[level][index - 1])
-            else:
-                below = below + amount
-                factor = _by_share(amount / np.maximum(below, np.float32(1e-6)))
+            factor, below = mixed(key, below, self._borders[level][index - 1])
             result = result + (texel - result) * factor[..., None]
         return np.asarray(result[..., :3], np.float32)
 
@@ -242,14 +234,9 @@ class GroundAlbedo:
         return borders([self._images.heights(maps).variance for maps in seen])
 
     def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
-        """Return the (R, W, 3) colour of a texture set.
-
-        Where borders follow the relief, heights are a fourth channel.
-        """
-        seen = self._seen(maps, maps.tile_m, level)
-        image = self._with_heights(seen) if self._follows_relief else seen.color_srgb
-        texels = _texture(image, xy_m / maps.tile_m)
-        return np.asarray(cv2.LUT(texels, np.ascontiguousarray(LINEAR[..., : texels.shape[-1]])))
+        """Return the (R, W, 4) colour and heights of a texture set."""
+        image = self._with_heights(self._seen(maps, maps.tile_m, level))
+        return np.asarray(cv2.LUT(_texture(image, xy_m / maps.tile_m), LINEAR))
 
     def _with_heights(self, seen: PbrMaps) -> NDArray[np.uint8]:
         if id(seen) not in self._colors:
@@ -273,11 +260,6 @@ class GroundAlbedo:
         levels = self._levels[id(maps)]
         footprint_m = float(self._footprints_m[level])
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), footprint_m)]
-
-
-def _by_share(share: Image) -> Image:
-    """Return the mix factor of a layer with a share in the weight of it and those before it."""
-    return np.clip((share - np.float32(NEGLIGIBLE)) / np.float32(1 - 2 * NEGLIGIBLE), 0, 1)
 
 
 def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:

@@ -13,8 +13,8 @@ from oaisys_core.backend.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.terrain.macro_variation import LEAST, MOST, MacroVariation
-from oaisys_core.textures.borders import MOST_TURNED_LAYERS
 from oaisys_core.textures.levels import level_at
+from oaisys_core.textures.normal_maps import FLAT, STEPS
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 from oaisys_core.world.tiling import PlainTiling, Tiling, voronoi_tiling
 
@@ -34,12 +34,15 @@ ALONG_BEDS = (0.8, 0.6, 0.0)
 
 CLIFF_TILING = voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
 """How textures are laid onto cliffs, which show many tiles at once, if layers ask for none and are
-few: see `MOST_TURNED_LAYERS`."""
+at most `MOST_TURNED_LAYERS`."""
 
-NUDGE_TILES = 1e-9
-"""Times the number of finer levels, added to texture coordinates: far less than their rounding.
-Without it, Cycles would merge the lookups that levels have in common, and evaluate them for every
-pixel of the ground, whatever its level."""
+MOST_TURNED_LAYERS = 2
+"""A turned texture takes two lookups for each layer, whether it is seen or not."""
+
+NUDGE = 1e-12
+"""Times something that only one part of the material has, added to coordinates: far less than their
+rounding. Cycles merges nodes that are the same, such as those of two levels, and would evaluate
+them for every pixel of the ground and keep the results on its stack, which holds 255 numbers."""
 
 
 class Plane(NamedTuple):
@@ -57,15 +60,6 @@ class Plane(NamedTuple):
 BELOW_SURFACE = (0.97, 1.0, 1.03)
 """Colour of light that was scattered below the surface of snow or ice, relative to its albedo: ice
 absorbs red most."""
-
-
-class Texel(NamedTuple):
-    """A texture set at a point: colour, encoded normal, roughness, encoded height."""
-
-    color: Socket
-    detail: Socket
-    roughness: Socket
-    height: Socket
 
 
 class MaterialTables(NamedTuple):
@@ -106,9 +100,21 @@ class MaterialLevel(NamedTuple):
         levels = self.images.levels(maps)
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self.footprint_m)]
 
+    def number(self, axes: tuple[int, int] | None, part: int) -> int:
+        """Return a number that no other level, plane or part has; a level has 2 + layers parts."""
+        plane = 0 if axes is None else 1 + axes[0]
+        return (3 * self.finer + plane) * (2 + len(self.material.layers)) + part + 1
+
+    def nudge(self, axes: tuple[int, int] | None, part: int) -> tuple[float, float, float]:
+        """Return a vector that no other level, plane or part has, see `NUDGE`."""
+        return (NUDGE * self.number(axes, part), 0.0, 0.0)
+
 
 class LayerNodes:
-    """Adds nodes for the surface of one layer, projected onto one plane."""
+    """Adds nodes for the layers of one level, projected onto one plane.
+
+    What it adds for one layer keeps no number on Cycles' stack for another, see `NUDGE`.
+    """
 
     def __init__(self, tree: NodeTree, level: MaterialLevel, axes: tuple[int, int] | None) -> None:
         self._tree = tree
@@ -123,94 +129,104 @@ class LayerNodes:
             parts = tree.add("SeparateXYZ", {0: self._position}).outputs
             place = tree.combined(parts[axes[0]], parts[axes[1]], 0.0)
         self._plane = Plane(place, axes)
-        self._nudge = (NUDGE_TILES * level.finer, 0.0, 0.0)
+        self._nudge = level.nudge(axes, 0)
 
-    def height(self, layer: TerrainLayer) -> Socket:
-        """Return a layer's encoded height, see `borders`; its lookups are its surface's."""
-        return self._texel(layer).height
+    def color_and_height(self, index: int, nudge: Socket) -> tuple[Socket, Socket]:
+        """Return the colour of a layer's texture, and its encoded height, see `borders`."""
+        tree = self._tree
+        maps, lookups = self._lookups(index, nudge)
+        image = self._images.color(maps)
+        texels = [
+            tree.add("TexImage", {"Vector": lookup.place}, image=image).outputs
+            for lookup in lookups
+        ]
+        red, green, blue = mean_color(maps)
+        weights = [lookup.weight for lookup in lookups]
+        color = _mixture(tree, [each["Color"] for each in texels], weights, (red, green, blue))
+        if len(texels) > 1:
+            color = tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0))
+        return color, _mean(tree, [each["Alpha"] for each in texels], weights)
 
-    def surface(self, layer: TerrainLayer) -> Socket:
-        """Return the surface of a layer without its mask."""
+    def with_variation(self, color: Socket) -> Socket:
+        """Return a colour of layers times what varies slowly over all of them."""
         tree, material = self._tree, self._level.material
-        texel = self._texel(layer)
-        color = texel.color
         variation = self._variation(material.layers[0].maps, material.variation)
         if variation is not None:
             color = tree.vector("MULTIPLY", color, variation)
         if material.macro is not None:
             color = tree.vector("MULTIPLY", color, self._macro(material.macro))
+        return color
+
+    def surface(self, index: int, color: Socket) -> Socket:
+        """Return the surface of a layer of a colour."""
+        tree, maps = self._tree, self._level.material.layers[index].maps
+        detail, roughness = self._detail_and_roughness(index)
         # Diffuse shaders normalise it.
-        normal = tree.vector("ADD", self._normal, self._slope(texel.detail, self._plane))
-        surface, _ = diffuse(tree, color, texel.roughness, normal)
-        if layer.maps.subsurface:
+        normal = tree.vector("ADD", self._normal, self._slope(detail, self._plane))
+        surface, _ = diffuse(tree, color, roughness, normal)
+        if maps.subsurface:
             below = tree.vector("MULTIPLY", color, BELOW_SURFACE)
-            inside, _ = diffuse(tree, below, texel.roughness, self._normal)
-            surface = tree.mixed(layer.maps.subsurface, surface, inside)
-        if self._level.tables.glossy[id(layer.maps)]:
+            inside, _ = diffuse(tree, below, roughness, self._normal)
+            surface = tree.mixed(maps.subsurface, surface, inside)
+        if self._level.tables.glossy[id(maps)]:
             unit = tree.vector("NORMALIZE", normal)
-            surface = add_gloss(tree, surface, texel.roughness, unit)
+            surface = add_gloss(tree, surface, roughness, unit)
         return surface
 
     def _slope(self, detail: Socket, plane: Plane) -> Socket:
         """Return the slope that an encoded normal of a plane stands for, in ``map``."""
         tree = self._tree
-        slope = tree.vector("MULTIPLY_ADD", detail, (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0))
+        gain, start = 255 / STEPS, -FLAT / STEPS
+        slope = tree.vector("MULTIPLY_ADD", detail, (gain, gain, 0.0), (start, start, 0.0))
         if plane.axes is None:
             return slope
-        u, v, _ = tree.add("SeparateXYZ", {0: slope}).outputs
         parts: list[Socket] = [0.0, 0.0, 0.0]
-        parts[plane.axes[0]], parts[plane.axes[1]] = u, v
+        for component, axis in enumerate(plane.axes):
+            parts[axis] = tree.component(slope, component)
         return tree.combined(*parts)
 
     def _tiling(self, layer: TerrainLayer) -> Tiling:
         """Return how a layer's texture is laid onto this plane."""
         is_free = isinstance(layer.tiling, PlainTiling) and layer.label_image is None
-        is_small = len(self._level.material.layers) <= MOST_TURNED_LAYERS
-        if self._plane.axes is None or not is_free or not is_small:
+        is_few = len(self._level.material.layers) <= MOST_TURNED_LAYERS
+        if self._plane.axes is None or not is_free or not is_few:
             return layer.tiling
         return CLIFF_TILING
 
-    def _texel(self, layer: TerrainLayer) -> Texel:
-        tree, plane = self._tree, self._plane
+    def _lookups(self, index: int, nudge: Socket) -> tuple[PbrMaps, list[TextureLookup]]:
+        """Return the texture set that is seen of a layer, and where, moved by a nudge."""
+        layer, plane = self._level.material.layers[index], self._plane
         maps = self._level.seen(layer.maps, layer.maps.tile_m)
         if layer.label_image is not None and plane.axes is not None:
             # Labels of such a layer are projected from above, so its colours must be, too.
             plane = Plane(self._position, plane.axes)
         scale = (1.0 / maps.tile_m,) * 3
-        place = tree.vector("MULTIPLY_ADD", plane.place, scale, self._nudge)
-        lookups = self._tilings.lookups(self._tiling(layer), place)
-        if len(lookups) == 1:
-            return self._sample(maps, lookups[0])
-        texels = [self._sample(maps, lookup) for lookup in lookups]
-        weights = [lookup.weight for lookup in lookups]
-        roughness: Socket = 0.0
-        height: Socket = 0.0
-        for texel, weight in zip(texels, weights, strict=True):
-            roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
-            height = tree.math("MULTIPLY_ADD", texel.height, weight, height)
-        gain = _contrast(tree, weights)
-        red, green, blue = mean_color(maps)
-        color = _mixture(tree, [t.color for t in texels], weights, gain, (red, green, blue))
-        x, y, z = maps.normal_gl.reshape(-1, 3).mean(axis=0) / 255
-        detail = _mixture(tree, [t.detail for t in texels], weights, gain, (x, y, z))
-        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness, height)
+        place = self._tree.vector("MULTIPLY_ADD", plane.place, scale, nudge)
+        return maps, self._tilings.lookups(self._tiling(layer), place)
 
-    def _sample(self, maps: PbrMaps, lookup: TextureLookup) -> Texel:
-        tree = self._tree
-        color = tree.add("TexImage", {"Vector": lookup.place}, image=self._images.color(maps))
+    def _detail_and_roughness(self, index: int) -> tuple[Socket, Socket]:
+        """Return the encoded normal of a layer's texture, and its roughness."""
+        maps, lookups = self._lookups(index, self._level.nudge(self._plane.axes, 2 + index))
         image = self._images.normal_roughness(maps)
-        other = tree.add("TexImage", {"Vector": lookup.place}, image=image)
-        detail = other.outputs["Color"]
+        texels = [self._detail(image, lookup) for lookup in lookups]
+        weights = [lookup.weight for lookup in lookups]
+        x, y, z = maps.normal_gl.reshape(-1, 3).mean(axis=0) / 255
+        detail = _mixture(self._tree, [each[0] for each in texels], weights, (x, y, z))
+        return detail, _mean(self._tree, [each[1] for each in texels], weights)
+
+    def _detail(self, image: Any, lookup: TextureLookup) -> tuple[Socket, Socket]:
+        tree = self._tree
+        texel = tree.add("TexImage", {"Vector": lookup.place}, image=image).outputs
+        detail = texel["Color"]
         if lookup.angle is not None:
             # Rotating the coordinates rotates the texture's slopes the other way.
             inputs: dict[str | int, Any] = {
                 "Vector": detail,
-                "Center": (0.5, 0.5, 0.0),
+                "Center": (FLAT / 255, FLAT / 255, 0.0),
                 "Angle": tree.math("MULTIPLY", lookup.angle, -1.0),
             }
             detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
-        colors = color.outputs
-        return Texel(colors["Color"], detail, other.outputs["Alpha"], colors["Alpha"])
+        return detail, texel["Alpha"]
 
     def _variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
         """Return a slowly varying colour factor around 1, which hides that textures repeat."""
@@ -254,22 +270,29 @@ class LayerNodes:
         return self._tree.vector("MULTIPLY_ADD", texel.outputs["Color"], span, least)
 
 
-def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:
-    """Return the factor that restores the variance of a mixture (Heitz and Neyret)."""
-    squares: Socket = 0.0
-    for weight in weights:
-        squares = tree.math("MULTIPLY_ADD", weight, weight, squares)
-    return tree.math("INVERSE_SQRT", squares)
+def _mean(tree: NodeTree, parts: list[Socket], weights: list[Socket]) -> Socket:
+    """Return the weighted sum of numbers."""
+    if len(parts) == 1:
+        return parts[0]
+    total: Socket = 0.0
+    for part, weight in zip(parts, weights, strict=True):
+        total = tree.math("MULTIPLY_ADD", part, weight, total)
+    return total
 
 
 def _mixture(
-    tree: NodeTree,
-    parts: list[Socket],
-    weights: list[Socket],
-    gain: Socket,
-    mean: tuple[float, float, float],
+    tree: NodeTree, parts: list[Socket], weights: list[Socket], mean: tuple[float, float, float]
 ) -> Socket:
-    """Return ``mean`` plus ``gain`` times the weighted sum's deviation from it."""
+    """Return ``mean`` plus a multiple of the weighted sum's deviation from it.
+
+    The factor restores the variance of a single part (Heitz and Neyret).
+    """
+    if len(parts) == 1:
+        return parts[0]
+    squares: Socket = 0.0
+    for weight in weights:
+        squares = tree.math("MULTIPLY_ADD", weight, weight, squares)
+    gain = tree.math("INVERSE_SQRT", squares)
     total: Socket = tuple(-value for value in mean)
     for part, weight in zip(parts, weights, strict=True):
         total = tree.vector("MULTIPLY_ADD", part, weight, total)

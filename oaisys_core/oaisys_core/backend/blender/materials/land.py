@@ -23,7 +23,7 @@ def land_place(tree: NodeTree, land: LandMasks, position: Socket) -> Socket:
     """Return the place in images of the masks at a position, as `LandMasks.texels_at` does."""
     cx, cy = land.centre_m
     offset = tree.vector("MULTIPLY_ADD", position, (1.0, 1.0, 0.0), (-cx, -cy, 0.0))
-    x, y, _ = tree.add("SeparateXYZ", {0: offset}).outputs
+    x, y = tree.component(offset, 0), tree.component(offset, 1)
     u = tree.math("MULTIPLY", tree.math("ARCTAN2", y, x), 1 / (2 * pi))
     distance_m = tree.add("VectorMath", {0: offset}, operation="LENGTH").outputs["Value"]
     gain = land.rows_per_e_fold / land.rows

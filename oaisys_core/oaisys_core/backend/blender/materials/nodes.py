@@ -79,6 +79,16 @@ class NodeTree:
         """Return a vector of three scalars."""
         return self.add("CombineXYZ", {0: x, 1: y, 2: z}).outputs[0]
 
+    def component(self, vector: Any, axis: int) -> Socket:
+        """Return a component of a vector or colour.
+
+        Unlike nodes that separate all three, it leaves none on Cycles' stack that nobody uses.
+        """
+        unit = [0.0, 0.0, 0.0]
+        unit[axis] = 1.0
+        node = self.add("VectorMath", {0: vector, 1: tuple(unit)}, operation="DOT_PRODUCT")
+        return node.outputs["Value"]
+
     def mixed(self, factor: Any, first: Socket, second: Socket) -> Socket:
         """Return a surface that blends from the first (factor 0) to the second (1)."""
         return self.add("MixShader", {0: factor, 1: first, 2: second}).outputs[0]
@@ -86,47 +96,85 @@ class NodeTree:
     def by_footprint(self, bounds_m: Sequence[float], surfaces: Sequence[Socket]) -> Socket:
         """Return a surface that switches from one to the next by the size of a pixel on it.
 
-        These are levels of detail, as Cycles has no mip maps on the CPU. It evaluates only one of
-        the surfaces, because their weights are 0 or 1.
+        These are levels of detail, as Cycles has no mip maps on the CPU.
 
         Args:
             bounds_m: Sizes in ascending order.
             surfaces: One more than bounds.
         """
-        if not bounds_m:
-            return surfaces[0]
-        middle = len(bounds_m) // 2
         seen_m = self.add("Group", node_tree=footprint_group()).outputs[0]
-        is_beyond = self.math("GREATER_THAN", seen_m, bounds_m[middle])
-        finer = self.by_footprint(bounds_m[:middle], surfaces[: middle + 1])
-        coarser = self.by_footprint(bounds_m[middle + 1 :], surfaces[middle + 1 :])
-        return self.mixed(is_beyond, finer, coarser)
+        return self.by_number(seen_m, bounds_m, surfaces)
+
+    def by_number(
+        self,
+        number: Socket,
+        bounds: Sequence[float],
+        surfaces: Sequence[Socket],
+        *,
+        frees_stack: bool = False,
+    ) -> Socket:
+        """Return a surface that switches from one to the next where a number passes a bound.
+
+        Cycles evaluates only one of the surfaces, because their weights are 0 or 1.
+
+        Args:
+            number: What is compared.
+            bounds: In ascending order.
+            surfaces: One more than bounds.
+            frees_stack: Whether to `free` the number that each mixture leaves on Cycles' stack.
+        """
+        if not bounds:
+            return surfaces[0]
+        middle = len(bounds) // 2
+        is_beyond = self.math("GREATER_THAN", number, bounds[middle])
+        parts = slice(0, middle), slice(middle + 1, None)
+        lower, upper = (
+            self.by_number(number, bounds[part], surfaces[begin:end], frees_stack=frees_stack)
+            for part, begin, end in zip(parts, (0, middle + 1), (middle + 1, None), strict=True)
+        )
+        mixture = self.mixed(is_beyond, lower, upper)
+        return self.freed(is_beyond, mixture) if frees_stack else mixture
+
+    def freed(self, factor: Socket, mixture: Socket) -> Socket:
+        """Return a mixture whose factor is taken off Cycles' stack once the mixture is evaluated.
+
+        Cycles keeps the factor of each mixture of surfaces for good, unless another node uses it
+        later. A black surface is such a node, which Cycles compiles after the mixture and drops.
+        """
+        black = self.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0), "Roughness": factor})
+        return self.add("AddShader", {0: mixture, 1: black.outputs[0]}).outputs[0]
 
 
 def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:
     """Return a surface that ``make`` adds to a new node group, which is added to ``tree``."""
-    return tree.add("Group", node_tree=surface_group(name, make)).outputs[0]
+    group = node_group(name, lambda inner: [make(inner)], outputs=("Shader",))
+    return tree.add("Group", node_tree=group).outputs[0]
 
 
-def number_group(name: str, make: Callable[[NodeTree], Sequence[Socket]]) -> Any:
-    """Return a new node group whose outputs are the numbers that ``make`` adds to it."""
-    group: Any = bpy.data.node_groups.new(name, "ShaderNodeTree")
-    numbers = make(NodeTree(group))
-    for _ in numbers:
-        group.interface.new_socket("Number", in_out="OUTPUT", socket_type="NodeSocketFloat")
-    end = group.nodes.new("NodeGroupOutput")
-    for index, number in enumerate(numbers):
-        group.links.new(number, end.inputs[index])
-    return group
-
-
-def surface_group(name: str, make: Callable[[NodeTree], Socket]) -> Any:
-    """Return a new node group whose output is a surface that ``make`` adds to it.
+def node_group(
+    name: str,
+    make: Callable[..., Sequence[Socket]],
+    *,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str],
+) -> Any:
+    """Return a new node group.
 
     Many small trees are faster to build, because Blender visits a whole tree for each new node.
+
+    Args:
+        name: Its name.
+        make: Adds the nodes to a tree, given that and the group's inputs; returns the outputs.
+        inputs: Types of the inputs: `Float`, `Color`, `Vector` or `Shader`.
+        outputs: Types of the outputs.
     """
     group: Any = bpy.data.node_groups.new(name, "ShaderNodeTree")
-    group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
-    surface = make(NodeTree(group))
-    group.links.new(surface, group.nodes.new("NodeGroupOutput").inputs[0])
+    for in_out, kinds in (("INPUT", inputs), ("OUTPUT", outputs)):
+        for kind in kinds:
+            group.interface.new_socket(kind, in_out=in_out, socket_type=f"NodeSocket{kind}")
+    begin = group.nodes.new("NodeGroupInput").outputs[: len(inputs)] if inputs else ()
+    made = make(NodeTree(group), *begin)
+    end = group.nodes.new("NodeGroupOutput")
+    for socket, target in zip(made, end.inputs[: len(outputs)], strict=True):
+        group.links.new(socket, target)
     return group

@@ -229,4 +229,5 @@ def add_gloss(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket
     seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
     inputs: dict[str | int, Socket] = {"Color": seen, "Roughness": roughness, "Normal": normal}
     mirror = tree.add("BsdfGlossy", inputs).outputs[0]
-    return tree.mixed(tree.math("MULTIPLY", fresnel, film), surface, mirror)
+    share = tree.math("MULTIPLY", fresnel, film)
+    return tree.freed(share, tree.mixed(share, surface, mirror))

@@ -51,7 +51,7 @@ class TilingNodes:
         moves = self._lookup(tiling.moves, at, "Closest")
         weight = self._lookup(tiling.weights, at, "Linear")
         angle, shift_u, shift_v = tree.add("SeparateColor", {"Color": moves}).outputs
-        weight = tree.add("SeparateColor", {"Color": weight}).outputs[0]
+        weight = tree.component(weight, 0)
         turned = tree.add(
             "VectorRotate", {"Vector": place, "Angle": angle}, rotation_type="Z_AXIS"
         ).outputs[0]
@@ -63,7 +63,8 @@ class TilingNodes:
 
     def _stochastic(self, tiling: StochasticTiling, place: Socket) -> list[TextureLookup]:
         tree = self._tree
-        x, y, _ = tree.add("SeparateXYZ", {0: tree.scaled(place, 1.0 / tiling.cell_tiles)}).outputs
+        cell = tree.scaled(place, 1.0 / tiling.cell_tiles)
+        x, y = tree.component(cell, 0), tree.component(cell, 1)
         x = tree.math("MULTIPLY_ADD", y, -1 / sqrt(3), x)
         y = tree.math("MULTIPLY", y, 2 / sqrt(3))
         column, row = tree.math("FLOOR", x), tree.math("FLOOR", y)

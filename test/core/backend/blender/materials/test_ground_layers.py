@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from blender_process import in_blender
+from synthetic_worlds import SUNNY
 
-pytestmark = [pytest.mark.blender, pytest.mark.long]
+from oaisys_core.sky import Haze
+from oaisys_core.terrain.macro_variation import MacroVariation
+from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+from oaisys_core.world.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
+
+STACK = 255
+"""Numbers that Cycles' stack holds."""
+
+pytestmark = pytest.mark.blender
 
 TEXTURES = ("ice", "snow", "sastrugi", "mud", "salt_crust", "gravel")
 """With layers below the surface and gloss, which need most."""
@@ -50,6 +61,7 @@ def world(tilings: list[str]) -> dict[str, Any]:
     }
 
 
+@pytest.mark.long
 def test_no_ground_is_black(tmp_path: Path) -> None:
     paths = []
     for tilings in GROUNDS:
@@ -62,3 +74,39 @@ def test_no_ground_is_black(tmp_path: Path) -> None:
         (rgb,) = (data for _, modality, data in images["samples"][0] if modality == "rgb")
         assert rgb.max(axis=-1).min() > 2, name
     assert len(found) == len(GROUNDS)
+
+
+def material(layers: int, tiling: Tiling) -> TerrainMaterial:
+    """Layers of different tiles with all that ground can have, projected from the side."""
+    rng = np.random.default_rng(layers)
+    masks = rng.dirichlet(np.ones(layers), (8, 8)).astype(np.float32)
+
+    def maps(index: int) -> PbrMaps:
+        color, normal = rng.integers(0, 256, (2, 16, 16, 3), np.uint8)
+        height, roughness = rng.random((16, 16), np.float32), np.full((16, 16), 60, np.uint8)
+        return PbrMaps(f"{index}", color, height, normal, roughness, 1 + index / 3, subsurface=0.3)
+
+    return TerrainMaterial(
+        tuple(TerrainLayer(f"{i}", (i + 1,), maps(i), tiling) for i in range(layers)),
+        np.moveaxis(masks, -1, 0),
+        (-5.0, -5.0, 5.0, 5.0),
+        projects_sides=True,
+        macro=MacroVariation(0.5, 1),
+        variation=Variation(0.3, 0.1),
+        wet_bank_m=(-9.0, -8.5),
+    )
+
+
+def test_cycles_stack_has_room_for_any_number_of_layers() -> None:
+    # Twice as many layers double one switch more, which takes a few numbers.
+    rng = np.random.default_rng(0)
+    turned, shifted = voronoi_tiling(1.0, 0.3, rng), stochastic_tiling(1.0, rng)
+    few = [material(2, each) for each in (PlainTiling(), turned, shifted)]
+    many = [material(4, turned), material(4, shifted), material(16, PlainTiling())]
+    hazy = replace(SUNNY, haze=Haze((0.01, 0.02, 0.03)))
+
+    used = in_blender("stack.stack_use", [*few, *many], hazy)
+
+    assert max(used) < STACK // 2, used
+    for of_few, of_many in zip((1, 2, 0), (3, 4, 5), strict=True):
+        assert used[of_many] <= used[of_few] + 24, used
