@@ -18,6 +18,7 @@ from oaisys_core import randomness
 from oaisys_core.backend import make_backend
 from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.config import SimulationConfig, config_sha256
+from oaisys_core.environment.low_sun import LowSunWarning
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.module import World, drawn
 from oaisys_core.modules.sensors import DueSensors
@@ -90,6 +91,7 @@ class Simulation:
         self._stage, self._sensors = self._modules.stage, self._modules.sensors
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = ViewRenderer(self._backend, pose_cache_bytes, place_frames)
+        self._low_sun = LowSunWarning()
         self._undo: Callable[[], None] | None = None
         self._batch: Batch | None = None
         self._last_batch_id = 0
@@ -427,6 +429,7 @@ class Simulation:
             lambda p: progress(replace(p, fraction=DRAW_SHARE + (1 - DRAW_SHARE) * p.fraction)),
         )
         self._batch, self._last_batch_id = batch, batch_id
+        self._low_sun.check(drawn(batch.world.sky), batch.world.scene().far_ground)
         _return_freed_memory()
         return batch
 
@@ -467,6 +470,7 @@ class Simulation:
         before = batch.world.scene()
         self._modules.step_sample(batch, metadata)
         after = batch.world.scene()
+        self._low_sun.check(after.sky, after.far_ground)
         if after.differs_from(before):
             self._backend.update(after)
         if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:

@@ -33,12 +33,23 @@ class StageModule(Module):
     metadata_part = "stage"
     changes_by_itself = False
 
-    def __init__(self, config: StageConfig) -> None:
+    def __init__(self, config: StageConfig, lowest_sun_rad: float | None = None) -> None:
+        """Make the module.
+
+        Args:
+            config: Its section.
+            lowest_sun_rad: Lowest elevation of the sun, which hills beyond the stage leave free;
+                None for no such limit.
+
+        Raises:
+            ConfigError: There is no such preset.
+        """
         try:
             check_preset(config.preset)
         except InvalidInputError as error:
             raise ConfigError(str(error)) from error
         self._config = config
+        self._lowest_sun_rad = lowest_sun_rad
         self._hash = ""
 
     def check(self, metadata: Metadata) -> None:
@@ -78,7 +89,10 @@ class StageModule(Module):
         if config.water is not None:
             world.semantic_labels.update(config.water.labels)
         world.surroundings = Surroundings(
-            kind=config.surroundings, seed=_seed_of(rng), body_radius_m=config.body_radius_m
+            kind=config.surroundings,
+            seed=_seed_of(rng),
+            body_radius_m=config.body_radius_m,
+            lowest_sun_rad=self._lowest_sun_rad,
         )
 
     def in_force(self, metadata: Metadata) -> Metadata:

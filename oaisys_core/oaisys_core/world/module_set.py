@@ -9,6 +9,7 @@ from typing import Any
 from oaisys_core import randomness
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
+from oaisys_core.environment.low_sun import lowest_sun_rad
 from oaisys_core.errors import InvalidInputError, did_you_mean
 from oaisys_core.extension_modules import ExtensionModule, make_modules
 from oaisys_core.module import Module
@@ -48,7 +49,8 @@ class ModuleSet:
         Raises:
             ConfigError: The configuration names something that does not exist.
         """
-        stage, sensors = StageModule(config.stage), SensorsModule(config.sensors)
+        stage = StageModule(config.stage, lowest_sun_rad(config.environment))
+        sensors = SensorsModule(config.sensors)
         materials = config.materials
         assets = AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed)
         modules: tuple[Module, ...] = (

@@ -14,7 +14,7 @@ from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.kinds import EARTH_RADIUS_M, Surroundings
 from oaisys_core.terrain.surroundings.land import land_around
 from oaisys_core.terrain.surroundings.plain import EDGE_POINTS, plain_around
-from oaisys_core.terrain.surroundings.spectrum import relief_spectrum
+from oaisys_core.terrain.surroundings.spectrum import longer_octaves, own_octaves
 
 EXTENT_M = 60.0
 
@@ -128,7 +128,8 @@ def test_the_spectrum_of_a_wave_is_at_its_wavelength() -> None:
     x = np.arange(512) * 0.25
     wave_m = 0.8 * np.sin(2 * np.pi * x / 12.0)
     ground = HeightField(np.tile(wave_m, (512, 1)).astype(np.float32), (0.0, 0.0), 0.25)
-    octaves = [o for o in relief_spectrum(ground, 1e4) if o.wavelength_m < 64]
+    own = own_octaves(ground)
+    octaves = [o for o in [*own, *longer_octaves(own, 1e4)] if o.wavelength_m < 64]
     strongest = max(octaves, key=lambda octave: octave.deviation_m)
     assert 12.0 / 2**0.5 < strongest.wavelength_m <= 12.0 * 2**0.5
     total = sum(octave.deviation_m**2 for octave in octaves)
@@ -140,7 +141,9 @@ def test_the_spectrum_of_a_wave_is_at_its_wavelength() -> None:
 
 def test_longer_forms_are_neither_level_nor_steep() -> None:
     for preset in ("mounds", "canyon", "dunes"):
-        longer = [o for o in relief_spectrum(stage(preset), 4e4) if o.wavelength_m > 5000]
+        longer = [
+            o for o in longer_octaves(own_octaves(stage(preset)), 4e4) if o.wavelength_m > 5000
+        ]
         assert len(longer) >= 3
         for octave in longer:
             assert 0.011 - 1e-9 <= octave.deviation_m / octave.wavelength_m <= 0.015 + 1e-9

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.backend.raycast.triangles import TriangleTarget
 from oaisys_core.scene import Ground
+from oaisys_core.terrain.surroundings.horizon import HorizonView, range_of
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.types import FloatArray, TriangleMesh
 
@@ -61,6 +62,15 @@ class FarGround:
         # Near the stage, where pixels are finest, float32 must be most precise.
         origin_m = self._edge_centre_m if self.is_land else None
         return TriangleTarget([TriangleMesh(vertices_m, triangles)], origin_m=origin_m)
+
+    def horizon_rad(self, azimuth_rad: float) -> float:
+        """Return its elevation in a direction, as half of the stage sees it at least."""
+        return float(self._horizon_rad[range_of(azimuth_rad)])
+
+    @cached_property
+    def _horizon_rad(self) -> FloatArray:
+        vertices_m = self.vertices_m.astype(np.float64)
+        return HorizonView(self.stage, vertices_m[:, :2]).elevations_rad(vertices_m[:, 2])
 
     @property
     def _edge_centre_m(self) -> FloatArray:

@@ -18,9 +18,10 @@ from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import gradient_noise
 from oaisys_core.terrain.surroundings.border import Border, BorderContinuation, border_of
 from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.terrain.surroundings.horizon import HorizonView
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.terrain.surroundings.rings import Ring, rings_around, triangles_between
-from oaisys_core.terrain.surroundings.spectrum import Octave, relief_spectrum
+from oaisys_core.terrain.surroundings.spectrum import Octave, longer_octaves, own_octaves
 from oaisys_core.types import FloatArray
 
 HIGHEST_VIEW_M = 20_000.0
@@ -50,18 +51,25 @@ LEAST_POINTS, ENOUGH_POINTS = 2.0, 4.0
 STEPS = 500
 """Steps of the border's heights in which its highest and its lowest point are looked for."""
 
+SHARE_STEPS = 7
+"""Number of halvings by which the height of long forms is found that lets a low sun in."""
+
 SKIRT_M = 1.0
 """Height of a wall below the stage's edge, so that no ray passes between stage and land, where the
 stage has finer detail or is a mesh with another outline."""
 
 
-def land_around(stage: Ground, seed: int, body_radius_m: float) -> FarGround:
+def land_around(
+    stage: Ground, seed: int, body_radius_m: float, highest_rad: float | None = None
+) -> FarGround:
     """Return the land around a stage.
 
     Args:
         stage: The stage; the land depends on all of its heights.
         seed: Seed of the relief; with one seed, other stages have other land.
         body_radius_m: Radius of the body whose surface it is.
+        highest_rad: Elevation above which no hill may rise, as seen from the stage: forms that are
+            longer than the stage become lower. None: they are as high as they are.
     """
     border = border_of(stage)
     rings = rings_around(border, sqrt(2 * body_radius_m * HIGHEST_VIEW_M))
@@ -69,10 +77,22 @@ def land_around(stage: Ground, seed: int, body_radius_m: float) -> FarGround:
     height_m = _continued(border, rings)
     distance_m = border.distance_m(xy_m)
     spacing_m = np.repeat([ring.spacing_m for ring in rings], [len(r.along) for r in rings])
-    octaves = relief_spectrum(stage, LONGEST_WAVE_M)
-    rngs = _streams(border, seed, len(octaves))
-    height_m += relief(xy_m, distance_m, spacing_m, octaves, rngs)
-    height_m -= curvature_drop_m(distance_m, body_radius_m)
+    own = own_octaves(stage)
+    octaves = [*own, *longer_octaves(own, LONGEST_WAVE_M)]
+
+    def heights_of(octaves: list[Octave]) -> FloatArray:
+        rngs = _streams(border, seed, len(octaves))
+        raised_m = height_m + relief(xy_m, distance_m, spacing_m, octaves, rngs)
+        return raised_m - curvature_drop_m(distance_m, body_radius_m)
+
+    if highest_rad is not None:
+        view = HorizonView(stage, xy_m)
+        share = _share_below(highest_rad, view, heights_of(own), heights_of(octaves))
+        longer = [
+            each._replace(deviation_m=share * each.deviation_m) for each in octaves[len(own) :]
+        ]
+        octaves = [*own, *longer]
+    height_m = heights_of(octaves)
     vertices_m = np.column_stack((xy_m, height_m)).astype(np.float32)
     triangles = triangles_between(rings)
     wall_m, wall_triangles = _skirt(vertices_m[: len(rings[0].along)], len(vertices_m))
@@ -85,6 +105,26 @@ def land_around(stage: Ground, seed: int, body_radius_m: float) -> FarGround:
         cast_triangles=len(triangles) + len(wall_triangles),
         detail=LandDetail(tuple(octaves), seed),
     )
+
+
+def _share_below(
+    highest_rad: float, view: HorizonView, least_m: FloatArray, most_m: FloatArray
+) -> float:
+    """Return the largest share, from 0 to 1, at which the horizon is not above an elevation.
+
+    Args:
+        highest_rad: The elevation.
+        view: Finds the horizon.
+        least_m, most_m: (N,) heights at a share of 0 and of 1.
+    """
+    if view.elevations_rad(most_m).max() <= highest_rad:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(SHARE_STEPS):
+        share = (low + high) / 2
+        is_below = view.elevations_rad(least_m + share * (most_m - least_m)).max() <= highest_rad
+        low, high = (share, high) if is_below else (low, share)
+    return low
 
 
 def curvature_drop_m(distance_m: FloatArray, body_radius_m: float) -> FloatArray:

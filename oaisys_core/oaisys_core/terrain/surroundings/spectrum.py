@@ -45,10 +45,9 @@ class Octave(NamedTuple):
     deviation_m: float
 
 
-def relief_spectrum(stage: Ground, longest_m: float) -> list[Octave]:
-    """Return the octaves of a stage's relief, the shortest first, up to a wavelength."""
-    own = _own_octaves(*_heights(stage))
-    return [*own, *_longer_octaves(own, longest_m)]
+def own_octaves(stage: Ground) -> list[Octave]:
+    """Return the octaves of a stage's relief that are shorter than the stage, shortest first."""
+    return _octaves_of(*_heights(stage))
 
 
 def _heights(stage: Ground) -> tuple[FloatArray, float]:
@@ -73,7 +72,7 @@ def _heights(stage: Ground) -> tuple[FloatArray, float]:
     return height_m, spacing_m
 
 
-def _own_octaves(height_m: FloatArray, spacing_m: float) -> list[Octave]:
+def _octaves_of(height_m: FloatArray, spacing_m: float) -> list[Octave]:
     """Return the octaves of a grid of heights.
 
     An octave is what means over blocks of twice the size, interpolated, do not explain. Unlike the
@@ -102,8 +101,8 @@ def _interpolated(values: FloatArray, axis: int) -> FloatArray:
     return np.moveaxis(both.reshape(-1, *along.shape[1:]), 0, axis)
 
 
-def _longer_octaves(own: list[Octave], longest_m: float) -> list[Octave]:
-    """Return the octaves that follow those of a stage, whose steepness is bounded."""
+def longer_octaves(own: list[Octave], longest_m: float) -> list[Octave]:
+    """Return the octaves that follow those of a stage up to a wavelength, of bounded steepness."""
     longest = own[-1]
     exponent = _exponent(own[-FITTED_OCTAVES:])
     octaves = []
