@@ -6,7 +6,7 @@ Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
@@ -34,6 +34,19 @@ DISPARITY = "disparity"
 
 COLORS = frozenset({RGB, ALBEDO})
 """Modalities that are rendered; all others are cast, and depend neither on light nor on quality."""
+
+
+def is_rendered(modality: str, quality: str, passes: Collection[str] | None) -> bool:
+    """Return whether samples have the images that a camera has of a modality.
+
+    Args:
+        modality: Its name.
+        quality: ``render.quality``; ``geometry`` has no colour.
+        passes: ``render.passes``; None for all.
+    """
+    is_left_out = quality == "geometry" and modality in COLORS
+    return not is_left_out and (passes is None or modality in passes)
+
 
 POINTS = "points"
 """Modality of lidars, whose data are points rather than an image."""

@@ -27,7 +27,8 @@ PLAIN_CORE = {
     "oaisys_core.files.markdown",
     "oaisys_core.files.arrays",
     "oaisys_core.files.mesh_headers",
-    # The standard library alone: how programs are started.
+    # The standard library alone: how programs are started and end.
+    "oaisys_core.cli.signals",
     "oaisys_core.private_files",
     "oaisys_core.python_programs",
     # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_core.python_programs import python_command, python_environment
+from oaisys_core.types import DEPTH, is_rendered
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ class ConfiguredSensors:
 
     Attributes:
         names: In the order in which the simulator lists them.
-        modalities: Of the first camera.
+        modalities: Of the first camera, without those that quality and passes leave out.
     """
 
     names: tuple[str, ...]
@@ -102,9 +103,19 @@ class ConfiguredSensors:
 
 
 def configured_sensors(path: Path) -> ConfiguredSensors:
-    """Return the cameras of a configuration that `write_config` has written."""
-    section = json.loads(path.read_text(encoding="utf-8"))["sensors"]
+    """Return the cameras of a configuration that `write_config` has written.
+
+    Raises:
+        ConfigError: The first camera has no depth, without which there is no map.
+    """
+    config = json.loads(path.read_text(encoding="utf-8"))
+    section, render = config["sensors"], config["render"]
     cameras, pairs = section["cameras"], section["stereo"]
     names = [camera["name"] for camera in cameras]
     names += [f"{pair['name']}_{side}" for pair in pairs for side in ("left", "right")]
-    return ConfiguredSensors(tuple(names), tuple([*cameras, *pairs][0]["modalities"]))
+    offered = [*cameras, *pairs][0]["modalities"]
+    modalities = [m for m in offered if is_rendered(m, render["quality"], render["passes"])]
+    if DEPTH not in modalities:
+        expected = f"{DEPTH} among them and among render.passes, because a map is made of depth"
+        raise ConfigError(f"modalities of {names[0]}: received {modalities}, expected {expected}")
+    return ConfiguredSensors(tuple(names), tuple(modalities))

@@ -26,7 +26,8 @@ VoxelSizeOption = Annotated[float, typer.Option(help="Voxel size of the map, met
 SeedOption = Annotated[int | None, typer.Option(help="Seed of the (first) world.", min=0)]
 BackendOption = Annotated[str | None, typer.Option(help="Renderer: blender or analytic.")]
 QualityOption = Annotated[
-    str | None, typer.Option(help="Quality of colour: preview, standard, high or final.")
+    str | None,
+    typer.Option(help="Quality of colour: preview, standard, high, final or geometry (none)."),
 ]
 BagOption = Annotated[bool, typer.Option(help="Record all topics to a rosbag2 MCAP bag.")]
 NamespaceOption = Annotated[

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 from std_msgs.msg import Bool
 
+from oaisys_core.cli.signals import interrupt_at_signals
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.bags.recorder_client import RecorderClient
@@ -110,7 +110,8 @@ def verdict(result: Drive.Result) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive once; return 0, or 1 if the drive failed or a measurement is missing.
 
-    It returns 2 where ROS cannot use its arguments.
+    It returns 2 where ROS cannot use its arguments, and 128 and the signal's number where a signal
+    has ended it, after the drive is cancelled.
     """
     about = "Asks the bridge for one drive, says what was measured, and ends with an exit code."
     parser = program_parser("drive", about, "--sensors front --ros-args -r __ns:=/mars")
@@ -127,17 +128,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options, arguments = parse_arguments(parser, arguments)
     goal = Drive.Goal(drive_json=options.drive_json, sensors=[s for s in options.sensors if s])
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+    received = interrupt_at_signals()
+    code = 1
     try:
         with DriveClient(arguments, wait_for_recorder=options.wait_for_recorder) as client:
-            return verdict(client.drive(goal))
+            code = verdict(client.drive(goal))
     except (DeadlineExceededError, InvalidInputError) as error:
         sys.stderr.write(f"drive: {error}\n")
-        return 2 if isinstance(error, InvalidInputError) else 1
+        code = 2 if isinstance(error, InvalidInputError) else 1
     except KeyboardInterrupt:
         sys.stderr.write("drive: interrupted before it began\n")
-        return 1
+    return 128 + received[0] if received else code
 
 
 if __name__ == "__main__":

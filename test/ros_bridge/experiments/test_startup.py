@@ -4,11 +4,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.modules import SensorsModule
 from oaisys_ros_bridge.experiments.configuration import configured_sensors
 from oaisys_ros_bridge.experiments.progress import STARTED_VARIABLE, seconds_since_start
@@ -35,6 +36,20 @@ def test_the_cameras_of_a_configuration_are_those_of_the_simulator(
     found, expected = configured_sensors(path), SensorsModule(config.sensors).sensors
     assert found.names == tuple(sensor.name for sensor in expected)
     assert found.modalities == expected[0].modalities
+
+
+def test_images_that_the_settings_leave_out_are_not_waited_for(tmp_path: Path) -> None:
+    def modalities(**render: Any) -> tuple[str, ...]:
+        config = config_from_mapping({"sensors": {"cameras": [CAMERA]}, "render": render})
+        path = tmp_path / "config.yaml"
+        path.write_text(config.model_dump_json(), encoding="utf-8")
+        return configured_sensors(path).modalities
+
+    every = modalities()
+    assert modalities(quality="geometry") == tuple(m for m in every if m != "rgb")
+    assert modalities(passes=["depth", "rgb"]) == ("depth", "rgb")
+    with pytest.raises(ConfigError, match=r"received \['rgb'\], expected depth among them"):
+        modalities(passes=["rgb"])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.section import Positive, Section
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.types import COLORS, expected_modality, modality_spec
+from oaisys_core.types import expected_modality, is_rendered, modality_spec
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -169,8 +169,7 @@ class RenderConfig(Section):
 
     def renders(self, modality: str) -> bool:
         """Return whether samples have the images that a camera has of a modality."""
-        is_left_out = self.quality == "geometry" and modality in COLORS
-        return not is_left_out and (self.passes is None or modality in self.passes)
+        return is_rendered(modality, self.quality, self.passes)
 
     def check_passes(self, offered: Collection[str], path: str) -> None:
         """Raise if an image that is asked for would not be rendered, or no image at all.

@@ -20,8 +20,11 @@ from oaisys_core.files.names import path_inside
 if TYPE_CHECKING:
     from oaisys_core.dataset.reader import Dataset, DatasetSample
 
-LEFT_OUT_SCANS = "lidar scans, left out"
-"""Name of the count of scans that a format does not write."""
+WRITTEN_SCANS, LEFT_OUT_SCANS = "lidar scans", "lidar scans, left out"
+"""Names of the counts of scans that a format writes, and that it does not."""
+
+FRAMES_WITHOUT = "frames without"
+"""Begins the names of the counts of frames that lack what a format needs."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,7 @@ def complete_samples(
         if set(modalities) <= set(record.images):
             yield dataset.sample(record, modalities)
         else:
-            counts[f"frames without {', '.join(modalities)}, left out"] += 1
+            counts[f"{FRAMES_WITHOUT} {', '.join(modalities)}, left out"] += 1
 
 
 def label_names(dataset: Dataset) -> dict[int, str]:

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 from oaisys_core.dataset.card.description import README, description_files
 from oaisys_core.dataset.formats.base import (
+    FRAMES_WITHOUT,
     LEFT_OUT_SCANS,
+    WRITTEN_SCANS,
     DatasetFormat,
     ExportOptions,
     check_suits,
@@ -43,7 +45,8 @@ def export_dataset(
 
     Raises:
         InvalidInputError: The format, a setting, the folder or the data set does not suit.
-        RenderError: It could not be written; nothing is left.
+        RenderError: It could not be written, or no frame has what the format needs; nothing is
+            left.
         ConfigError: A package is missing that the format needs.
     """
     options = options or ExportOptions()
@@ -55,6 +58,7 @@ def export_dataset(
             counts = dict(chosen.write(dataset, part, options))
             if len(dataset.scans) and not chosen.writes_scans:
                 counts[LEFT_OUT_SCANS] = len(dataset.scans)
+            _require_content(name, dataset, counts)
             described = description_files(dataset, name, chosen.conventions, counts, options)
             for file, data in described.items():
                 (part / file).write_bytes(data)
@@ -99,6 +103,18 @@ def _upload(folder: Path, place: StoragePlace) -> None:
         for name in written:
             place.delete(name)
         raise
+
+
+def _require_content(name: str, dataset: Dataset, counts: Mapping[str, int]) -> None:
+    """Raise if every frame was left out, and no scan was written instead.
+
+    Raises:
+        RenderError: Says what was left out.
+    """
+    left_out = {what: count for what, count in counts.items() if what.startswith(FRAMES_WITHOUT)}
+    if sum(left_out.values()) >= len(dataset) and not counts.get(WRITTEN_SCANS):
+        listed = "; ".join(f"{count} {what}" for what, count in left_out.items())
+        raise RenderError(f"{name}: nothing to write: {listed}")
 
 
 def _check(

@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.formats.base import (
+    WRITTEN_SCANS,
+    DatasetFormat,
+    ExportOptions,
+    FormatConventions,
+)
 from oaisys_core.output.records import pose_from_record, provenance_from_record
 from oaisys_core.output.writer import SampleWriter
 from oaisys_core.types import Frame, Sample
@@ -68,7 +73,7 @@ class FilesFormat(DatasetFormat):
                 counts["samples"] += 1
                 counts["frames"] += len(frames)
                 if scans:
-                    counts["lidar scans"] += len(scans)
+                    counts[WRITTEN_SCANS] += len(scans)
                 options.progress(counts["frames"])
         return counts
 

@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.formats.base import (
+    WRITTEN_SCANS,
+    DatasetFormat,
+    ExportOptions,
+    FormatConventions,
+)
 from oaisys_core.dataset.manifest import world_name
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.names import path_inside
@@ -139,7 +144,7 @@ class Hdf5Format(DatasetFormat):
                     counts["frames"] += 1
                     options.progress(counts["frames"])
                 if dataset.scans.has_world(world):
-                    counts["lidar scans"] += file.add_scans(dataset, world)
+                    counts[WRITTEN_SCANS] += file.add_scans(dataset, world)
             counts["worlds"] += 1
         return counts
 

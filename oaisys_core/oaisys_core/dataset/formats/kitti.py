@@ -14,6 +14,7 @@ import numpy as np
 
 from oaisys_core.dataset.formats.base import (
     LEFT_OUT_SCANS,
+    WRITTEN_SCANS,
     DatasetFormat,
     ExportOptions,
     FormatConventions,
@@ -120,7 +121,7 @@ class KittiFormat(DatasetFormat):
                         options.progress(counts["frames"])
         write_json(target / "sequences.json", described)
         if len(dataset.scans):
-            counts["lidar scans"] = len(written)
+            counts[WRITTEN_SCANS] = len(written)
             left_out = len(dataset.scans) - len(written)
             if left_out:
                 counts[LEFT_OUT_SCANS] = left_out

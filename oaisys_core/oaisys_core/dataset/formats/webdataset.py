@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.dataset.formats.base import (
+    WRITTEN_SCANS,
     DatasetFormat,
     ExportOptions,
     FormatConventions,
@@ -127,7 +128,7 @@ def _write_scans(dataset: Dataset, target: Path, most_bytes: int, counts: Counte
                     offset, size = places[POINTS_ENDING]
                     where = {"tar": name, "offset_points": offset, "size_points": size}
                     index.append({**row, **where})
-                    counts["lidar scans"] += 1
+                    counts[WRITTEN_SCANS] += 1
                 counts["tar files"] += tars.count
 
 

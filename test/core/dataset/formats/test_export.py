@@ -13,11 +13,14 @@ import mlcroissant
 import numpy as np
 import pytest
 from repository import REPOSITORY
+from synthetic_datasets import LEGEND, dataset_info, drawn_arrays, frame_record
 
 from oaisys_core.cli.dataset_export import export
 from oaisys_core.dataset import Dataset
 from oaisys_core.dataset.formats.base import ExportOptions, format_named, format_names
 from oaisys_core.dataset.formats.export import export_dataset
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.shards import HEAD, writing_shard
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.geometry import pose_from_matrix
 
@@ -165,3 +168,22 @@ def test_the_command_names_what_is_wrong(rendered: Dataset, tmp_path: Path) -> N
     with pytest.raises(InvalidInputError, match="one of train, val"):
         export(where, ["coco"], str(tmp_path / "out"), split="test")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_export_in_which_every_frame_is_left_out_is_exit_1(tmp_path: Path) -> None:
+    place = open_place(tmp_path / "set")
+    place.write(HEAD, dataset_info(1, 3).to_json().encode())
+    parts = (("rgb",), ("semantic_0", "instance"), ("rgb", "instance"))
+    with writing_shard(place, 0) as shard:
+        for view, modalities in enumerate(parts):
+            pixels = drawn_arrays(np.random.default_rng(view))
+            shard.add(frame_record(0, view, "train"), {name: pixels[name] for name in modalities})
+        shard.finish(LEGEND)
+    result = oaisys("dataset", "export", place.url, "--format", "coco", "--out", f"{tmp_path}/out")
+    assert result.returncode == 1, result.stdout
+    assert "coco: nothing to write: 3 frames without rgb, semantic_0, instance" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+    # Formats that need less write them all.
+    more = ("--format", "webdataset", "--out", f"{tmp_path}/tar")
+    result = oaisys("dataset", "export", place.url, *more)
+    assert result.returncode == 0, result.stderr
