@@ -41,8 +41,8 @@ NO_NAMES = (
         "-rf",
     ),
 )
-NO_NUMBERS = (-1, 10**12, 10**300, True, "7", 1.5, None, [], {})
-NO_LENGTHS = (float("nan"), float("inf"), -float("inf"), 1e300, "1", None, [])
+NO_NUMBERS: tuple[Any, ...] = (-1, 10**12, 10**300, True, "7", 1.5, None, [], {})
+NO_LENGTHS: tuple[Any, ...] = (float("nan"), float("inf"), -float("inf"), 1e300, "1", None, [])
 
 Change = Callable[[dict[str, Any]], Any]
 
@@ -186,7 +186,7 @@ def test_a_link_among_the_exports_is_not_followed(foreign: Path, tmp_path: Path)
     assert not list(victim.iterdir())
 
 
-HEADS = {
+HEADS: dict[str, tuple[Any, ...]] = {
     "worlds": NO_NUMBERS,
     "views": NO_NUMBERS,
     "seed": (-1, 10**80, "1"),

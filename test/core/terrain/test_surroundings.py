@@ -190,6 +190,7 @@ def test_walls_that_a_stage_cuts_fade_on_the_plain(preset: str) -> None:
     assert slope_deg[reach > 1.35].max() < 16
     assert slope_deg[reach > 1.8].max() < 3
     at_edge = rings_m[1]
+    assert plain.level_m is not None
     np.testing.assert_allclose(ground.height_at(at_edge[:, :2] * 0.9999), at_edge[:, 2], atol=0.15)
     assert (rings_m[1:, :, 2] >= plain.level_m - 1e-5).all(), (
         "rays meet the plane where it is higher"
