@@ -21,7 +21,7 @@ from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
 from oaisys_core.errors import one_of, quoted
 
-GENERATOR_VERSION = 10
+GENERATOR_VERSION = 11
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
 beyond the stage, and a brighter sky beside the sun."""
 

@@ -19,7 +19,8 @@ from oaisys_core.scatter.placement import (
     power_law_sizes,
     slope_deg,
 )
-from oaisys_core.scatter.shapes import MATS, PLANTS
+from oaisys_core.scatter.plants.organ_sizes import CLASS_RATIO
+from oaisys_core.scatter.shapes import MATS, PLANTS, WITHOUT_ORGANS
 from oaisys_core.scatter.spacing import OccupiedPlaces, Spacing, first_come, pairs_too_near
 from oaisys_core.scatter.stance import footprint_of
 from oaisys_core.scene import Ground, MeshPrototype
@@ -43,6 +44,10 @@ CELLS = 512
 
 FULL = 0.01
 """Share of the missing instances that a round must place; below it, the ground is full."""
+
+
+MOST_CLASSES = 16
+"""Largest number of size classes of a group; beyond sizes of 1 to 600, leaves vary more."""
 
 
 class Stance(NamedTuple):
@@ -82,7 +87,7 @@ def scatter_group(
     """Return the poses of up to ``count`` instances of a group, largest first.
 
     Args:
-        shapes: Its prototypes, each 1 m large.
+        shapes: Its prototypes, each 1 m large: as many for each of `size_classes_m`, in its order.
         ground: What they stand on.
         rng: Seeds the separate streams of positions, sizes and rotations.
         material: Of the ground; None if there is none, nor a density of a layer.
@@ -94,7 +99,7 @@ def scatter_group(
         ConfigError: A density's image cannot be read.
     """
     sizes_m = group_sizes_m(group, count, randomness.child(rng, "sizes"))
-    shape_of = randomness.child(rng, "shapes").integers(len(shapes), size=count)
+    shape_of = _shapes_of(group, sizes_m, len(shapes), randomness.child(rng, "shapes"))
     density = make_density(group.density, ground, rng, material)
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
@@ -107,6 +112,34 @@ def scatter_group(
     T_map_object[:, :2, 3] = xy
     T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
     return T_map_object, shape_of
+
+
+def size_classes_m(group: GroupConfig) -> FloatArray:
+    """Return the (C,) middles of the size classes of a group, whose instances share meshes.
+
+    Leaves have sizes of their own, so that plants share a mesh only with plants up to
+    `CLASS_RATIO` times as large; everything else has one class.
+    """
+    low, high = group.size_m
+    if group.shape not in PLANTS or group.shape in WITHOUT_ORGANS:
+        return np.array([float(np.sqrt(low * high))])
+    span = np.log(high / low)
+    count = int(np.clip(np.ceil(span / np.log(CLASS_RATIO) - 1e-9), 1, MOST_CLASSES))
+    return np.asarray(low * np.exp((np.arange(count) + 0.5) / count * span))
+
+
+def _shapes_of(
+    group: GroupConfig, sizes_m: FloatArray, shape_count: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Return the (count,) shapes of instances with (count,) sizes: one of their size class."""
+    middles_m = size_classes_m(group)
+    if shape_count % len(middles_m):
+        return rng.integers(shape_count, size=len(sizes_m))
+    variants = shape_count // len(middles_m)
+    borders_m = np.sqrt(middles_m[1:] * middles_m[:-1])
+    return np.searchsorted(borders_m, sizes_m) * variants + rng.integers(
+        variants, size=len(sizes_m)
+    )
 
 
 def group_sizes_m(group: GroupConfig, count: int, rng: np.random.Generator) -> FloatArray:

@@ -45,6 +45,18 @@ class MeshBuilder:
         self._translucency.append(np.full(len(vertices), translucency))
         self._count += len(vertices)
 
+    @property
+    def triangle_count(self) -> int:
+        """Number of triangles so far."""
+        return sum(len(each) for each in self._triangles)
+
+    @property
+    def extent(self) -> float:
+        """Length of the longest axis so far."""
+        low = np.min([each.min(axis=0) for each in self._vertices if len(each)], axis=0)
+        high = np.max([each.max(axis=0) for each in self._vertices if len(each)], axis=0)
+        return float((high - low).max())
+
     def strip(
         self,
         left_m: FloatArray,

@@ -20,12 +20,19 @@ SHAPES = ROCK_KINDS | PLANTS.keys() | VEHICLES.keys()
 MATS = frozenset({"meadow", "flower_meadow", "moss_cushion"})
 """Plants that are wider than high."""
 
+WITHOUT_ORGANS = frozenset({"dry_bush", "moss_cushion", "rosette"})
+"""Plants whose parts grow with them: bare twigs, cushions, and rosettes of succulents."""
+
 ROCK_DETAIL = ((1.3, 4), (0.3, 3), (0.1, 2), (0.0, 1))
 """Subdivisions of rocks by their largest size in metres."""
 
 
 def make_shape(
-    name: str, rng: np.random.Generator, largest_m: float = 1.0, detail: int | None = None
+    name: str,
+    rng: np.random.Generator,
+    largest_m: float = 1.0,
+    detail: int | None = None,
+    plant_m: float = 1.0,
 ) -> MeshPrototype:
     """Return a shape; rocks and plants are 1 m along their longest axis.
 
@@ -34,6 +41,7 @@ def make_shape(
         rng: Draws its form.
         largest_m: Size of the largest instance; larger rocks have more triangles.
         detail: Subdivisions of a rock; None to derive them from ``largest_m``.
+        plant_m: Size to which a plant will be scaled, and at which its leaves have their own size.
 
     Raises:
         InvalidInputError: There is no such shape.
@@ -45,7 +53,7 @@ def make_shape(
     if name in VEHICLES:
         return VEHICLES[name]()
     if name in PLANTS:
-        return PLANTS[name](rng)
+        return PLANTS[name](rng, plant_m)
     check_shape(name, "shape")
     made = extensions.load(extensions.SCATTERERS, name)(rng)
     if not isinstance(made, MeshPrototype):

@@ -1,17 +1,29 @@
-"""Low plants made of leaves and twigs, 1 m along their longest axis, foot at the origin."""
+"""Low plants made of leaves and twigs, some 1 m large, foot at the origin.
+
+The functions are `PlantBuilder`s: leaves have the sizes of `ORGANS`.
+"""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core.scatter.mesh_builder import MeshBuilder
-from oaisys_core.scatter.plants.organs import LEAF_TRANSLUCENCY
+from oaisys_core.scatter.plants.fitting import PlantGenerator, fitted
+from oaisys_core.scatter.plants.organ_sizes import MARGIN, ORGANS, inner
+from oaisys_core.scatter.plants.organs import LEAF_TRANSLUCENCY, add_kites
 from oaisys_core.scatter.rocks import icosphere
-from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
 
 UP = np.array((0.0, 0.0, 1.0))
+
+MOST_BLADES, MOST_LEAVES = 2000, 12_000
+"""Largest numbers of blades of a tuft and of leaves of a shrub, at any size."""
+
+SHRUB_COVER = 0.8
+"""Area of the leaves of a shrub of 1 m, in m²."""
 
 GRASS, STRAW = (0.20, 0.30, 0.09), (0.62, 0.55, 0.34)
 FERN, FERN_TIP = (0.13, 0.26, 0.07), (0.32, 0.44, 0.14)
@@ -21,55 +33,66 @@ BARK, DRY_WOOD = (0.26, 0.20, 0.15), (0.50, 0.42, 0.33)
 MOSS, MOSS_TOP = (0.22, 0.28, 0.09), (0.50, 0.56, 0.24)
 
 
-def grass_tuft(rng: np.random.Generator) -> MeshPrototype:
-    """Return a tuft of bent blades, some of them dry."""
+def grass_tuft(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
+    """Return a tuft of bent blades of 3 to 8 mm, some of them dry; a larger one has more."""
     parts = MeshBuilder()
-    for _ in range(34):
+    blade = ORGANS["grass_tuft"]["blade"]
+    count = int(np.clip(34 * 0.026 * size_m / blade.mean_width_m, 12, MOST_BLADES))
+    _, widths = blade.drawn(count, rng, unit_m)
+    for full_width in widths:
         azimuth = rng.uniform(0, 2 * np.pi)
         lean = min(abs(rng.normal(0.0, 0.38)) + 0.05, 0.9)
         length = rng.uniform(0.55, 1.1)
         foot = 0.09 * np.sqrt(rng.uniform()) * _way(azimuth + rng.normal(0, 0.5))
         spine = _arch(foot, azimuth, lean, rng.uniform(0.3, 1.1), length, 5)
-        width = rng.uniform(0.010, 0.018) * np.array((0.8, 1.0, 0.85, 0.55, 0.1))
+        width = 0.5 * full_width * np.array((0.8, 1.0, 0.85, 0.55, 0.1))
         dry = rng.uniform() ** 3
         tip = _mix(_shade(GRASS, rng), STRAW, 0.25 + 0.75 * dry)
         foot_color = _mix(0.7 * np.array(GRASS), STRAW, 0.35 + 0.5 * dry)
         _leaf(parts, spine, width, _gradient(foot_color, tip, 5), rng.normal(0, 0.4))
-    return parts.mesh_of_size_1("grass_tuft")
+    return parts
 
 
-def fern(rng: np.random.Generator) -> MeshPrototype:
-    """Return a crown of arching fronds with leaflets on both sides."""
+def fern(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
+    """Return a crown of arching fronds with leaflets on both sides; longer ones have more."""
     parts = MeshBuilder()
+    leaflet = ORGANS["fern"]["leaf"]
+    longest, (thinnest, broadest) = (
+        leaflet.length_m[1] / MARGIN / unit_m,
+        np.array(inner(leaflet.width_m)) / unit_m,
+    )
+    number = int(np.clip(size_m / leaflet.mean_width_m, 14, 60))
     fronds = 11
     for frond in range(fronds):
         azimuth = 2 * np.pi * (frond + rng.uniform(-0.3, 0.3)) / fronds
         length = rng.uniform(0.75, 1.05)
         spine = _arch(
-            np.zeros(3), azimuth, rng.uniform(0.35, 0.7), rng.uniform(0.7, 1.2), length, 14
+            np.zeros(3), azimuth, rng.uniform(0.35, 0.7), rng.uniform(0.7, 1.2), length, number
         )
         young = rng.uniform()
         near, far = _mix(_shade(FERN, rng), FERN_TIP, 0.3 * young), _mix(FERN, FERN_TIP, young)
-        parts.tube(spine[::3], np.linspace(0.007, 0.002, 5), _mix(BARK, FERN, 0.6))
+        rib = spine[np.linspace(0, number - 1, 5).astype(int)]
+        parts.tube(rib, np.linspace(0.007, 0.002, 5), _mix(BARK, FERN, 0.6))
         side = np.cross(_way(azimuth), UP)
-        for k in range(2, 14):
-            share = k / 13
-            reach = 0.30 * length * np.sin(np.pi * share**0.8) ** 0.8 * (1 - 0.45 * share) + 0.02
-            ahead = spine[min(k + 1, 13)] - spine[k - 1]
+        for k in range(number // 7, number):
+            share = k / (number - 1)
+            reach = 0.30 * length * np.sin(np.pi * share**0.8) ** 0.8 * (1 - 0.45 * share)
+            reach = float(np.clip(reach + 0.02, leaflet.length_m[0] * MARGIN / unit_m, longest))
+            ahead = spine[min(k + 1, number - 1)] - spine[k - 1]
             ahead /= np.linalg.norm(ahead)
             for sign in (-1.0, 1.0):
                 way = sign * side + 0.45 * ahead - 0.18 * UP
                 tip = spine[k] + reach * way / np.linalg.norm(way)
-                broad = 0.42 * length / 13 * ahead
+                broad = 0.5 * np.clip(0.9 * length / number, thinnest, broadest) * ahead
                 middle = 0.55 * spine[k] + 0.45 * tip + 0.02 * reach * UP
                 left = np.array((spine[k] - 0.6 * broad, middle - broad, tip))
                 right = np.array((spine[k] + 0.6 * broad, middle + broad, tip))
                 colors = _gradient(near, _mix(near, far, share), 3)
                 parts.strip(left, right, colors, translucency=LEAF_TRANSLUCENCY)
-    return parts.mesh_of_size_1("fern")
+    return parts
 
 
-def rosette(rng: np.random.Generator) -> MeshPrototype:
+def rosette(rng: np.random.Generator, _unit_m: float, _size_m: float) -> MeshBuilder:
     """Return a rosette of thick, channelled leaves, the inner ones upright."""
     parts = MeshBuilder()
     leaves = 30
@@ -88,28 +111,31 @@ def rosette(rng: np.random.Generator) -> MeshPrototype:
             outer = spine + sign * width[:, None] * side + rim
             left, right = (outer, spine) if sign < 0 else (spine, outer)
             parts.strip(left, right, colors)
-    return parts.mesh_of_size_1("rosette")
+    return parts
 
 
-def shrub(rng: np.random.Generator) -> MeshPrototype:
+def shrub(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
     """Return a rounded shrub: stems that fork, with small leaves all over the outer twigs."""
     parts = MeshBuilder()
+    leaf = ORGANS["shrub"]["leaf"]
+    leaves = min(SHRUB_COVER * size_m**2 / leaf.area_m2, MOST_LEAVES)
     twigs = _branches(rng, stems=9, forks=(3, 3), length=0.42, spread=0.6, rise=0.35)
     for start, end, level in twigs:
         radius = 0.016 * 0.55**level
         parts.tube((start, end), (radius, 0.6 * radius), _shade(BARK, rng))
-        leaves = (0, 7, 13)[level]
-        for share in rng.uniform(0.15, 1.1, leaves):
-            foot = start + share * (end - start)
-            way = (end - start) / np.linalg.norm(end - start) + rng.normal(0, 0.8, 3)
-            # Outer and upper leaves get more light; inner ones are older.
-            outer = np.clip(np.linalg.norm(foot) / 0.9, 0, 1)
-            color = _mix(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform() ** 2)
-            _blade(parts, foot, way, rng.uniform(0.05, 0.085), (0.6 + 0.6 * outer) * color, rng)
-    return parts.mesh_of_size_1("shrub")
+        count = rng.poisson(leaves * (0, 0.15, 0.85)[level] / (1, 27, 81)[level])
+        foot = start + rng.uniform(0.15, 1.1, (count, 1)) * (end - start)
+        ways = (end - start) / np.linalg.norm(end - start) + rng.normal(0, 0.8, (count, 3))
+        # Outer and upper leaves get more light; inner ones are older.
+        outer = np.clip(np.linalg.norm(foot, axis=1) / 0.9, 0, 1)[:, None]
+        color = _mix(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform(size=(count, 1)) ** 2)
+        color = (0.6 + 0.6 * outer) * color * rng.uniform(0.85, 1.15, (count, 1))
+        lengths, widths = leaf.drawn(count, rng, unit_m)
+        add_kites(parts, foot, ways, lengths, widths, color, rng)
+    return parts
 
 
-def dry_bush(rng: np.random.Generator) -> MeshPrototype:
+def dry_bush(rng: np.random.Generator, _unit_m: float, _size_m: float) -> MeshBuilder:
     """Return a bare bush of thin, crooked, bleached twigs."""
     parts = MeshBuilder()
     twigs = _branches(rng, stems=8, forks=(3, 3, 2), length=0.36, spread=0.75, rise=0.22)
@@ -118,10 +144,10 @@ def dry_bush(rng: np.random.Generator) -> MeshPrototype:
         middle = (start + end) / 2 + rng.normal(0, 0.06, 3) * np.linalg.norm(end - start)
         color = _mix(_shade(BARK, rng), _shade(DRY_WOOD, rng), 0.3 + 0.23 * level)
         parts.tube((start, middle, end), (radius, 0.8 * radius, 0.45 * radius), color)
-    return parts.mesh_of_size_1("dry_bush")
+    return parts
 
 
-def moss_cushion(rng: np.random.Generator) -> MeshPrototype:
+def moss_cushion(rng: np.random.Generator, _unit_m: float, _size_m: float) -> MeshBuilder:
     """Return a low dome of many small heads."""
     parts = MeshBuilder()
     directions, triangles = icosphere(3)
@@ -138,7 +164,7 @@ def moss_cushion(rng: np.random.Generator) -> MeshPrototype:
     patch = 0.5 + 0.5 * np.cos(directions @ rng.normal(size=3) * 3 + rng.uniform(0, 6))
     top = _mix(np.array(MOSS_TOP), np.array((0.56, 0.52, 0.26)), 0.35 * patch[:, None])
     parts.add(points, triangles, _mix(np.array(MOSS), top, light[:, None]))
-    return parts.mesh_of_size_1("moss_cushion")
+    return parts
 
 
 def _branches(
@@ -194,24 +220,6 @@ def _leaf(
     parts.strip(left, right, colors, translucency=LEAF_TRANSLUCENCY)
 
 
-def _blade(
-    parts: MeshBuilder,
-    foot: FloatArray,
-    way: FloatArray,
-    length: float,
-    color: FloatArray,
-    rng: np.random.Generator,
-) -> None:
-    """Add a small leaf with four corners."""
-    way = _unit(way)
-    side = _unit(np.cross(way, rng.normal(size=3)))
-    middle, tip = foot + 0.5 * length * way, foot + length * way
-    broad = 0.28 * length * side
-    corners = np.array((foot, middle - broad, tip, middle + broad))
-    color = color * rng.uniform(0.85, 1.15)
-    parts.add(corners, [(0, 1, 2), (0, 2, 3)], color, translucency=LEAF_TRANSLUCENCY)
-
-
 def _way(azimuth: float) -> FloatArray:
     return np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
 
@@ -235,11 +243,7 @@ def _shade(color: ArrayLike, rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.asarray(color) * rng.uniform(0.82, 1.18) * tint)
 
 
-LOW_PLANTS = {
-    "grass_tuft": grass_tuft,
-    "fern": fern,
-    "rosette": rosette,
-    "shrub": shrub,
-    "dry_bush": dry_bush,
-    "moss_cushion": moss_cushion,
+LOW_PLANTS: dict[str, PlantGenerator] = {
+    build.__name__: partial(fitted, build.__name__, build)
+    for build in (grass_tuft, fern, rosette, shrub, dry_bush, moss_cushion)
 }

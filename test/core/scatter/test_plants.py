@@ -17,7 +17,7 @@ MOST_TRIANGLES = 40_000
 
 @pytest.mark.parametrize("name", SPECIES)
 def test_a_species_grows_to_1_m_from_its_seed(name: str) -> None:
-    plant, same, other = (SPECIES[name](np.random.default_rng(seed)) for seed in (1, 1, 2))
+    plant, same, other = (SPECIES[name](np.random.default_rng(seed), 1.0) for seed in (1, 1, 2))
 
     assert np.ptp(plant.vertices_m, axis=0).max() == pytest.approx(1.0, abs=1e-5)
     assert -0.1 < plant.vertices_m[:, 2].min() < 0.01, "its foot is at the origin"

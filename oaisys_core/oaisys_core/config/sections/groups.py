@@ -28,7 +28,8 @@ class GroupConfig(ShapedConfig):
         probability: Probability that a batch has any of them.
         hidden: Whether they are invisible; they keep their instance ids.
         variants: Number of different meshes of a built-in shape; None has 24 of a rock, and 3 of
-            others.
+            others. Those of plants are dealt to classes of sizes that differ by a factor of up to
+            1.5, at least one for each.
         detail: A rock has 20 * 4**detail triangles; None derives it from the size.
         size_m: (smallest, largest) size along the longest axis.
         size_distribution: ``power_law`` (the number above size D goes as D**-size_exponent),

@@ -217,11 +217,12 @@ class AssetGenerator:
     def _add_object(self, thing: ObjectConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"object/{thing.name}")
         T_map_object = fixed_pose(thing, self._ground, f"assets.objects.{thing.name}")
-        self._add_single(self._library.prototype(thing, rng), thing, T_map_object, instance_id)
+        look = self._library.prototype(thing, rng, plant_m=thing.scale)
+        self._add_single(look, thing, T_map_object, instance_id)
 
     def _add_mover(self, mover: MoverConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"mover/{mover.name}")
-        look = self._library.prototype(mover, rng)
+        look = self._library.prototype(mover, rng, plant_m=mover.scale)
         foot_m = footprint_of(look).foot_m * mover.scale if mover.on_ground else None
         moves = Mover(
             index=len(self._placements),

@@ -30,6 +30,7 @@ from oaisys_core.modules.assets.metadata import (
 from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.modules.clearance import MOST_EXTENTS
 from oaisys_core.scatter.ids import added_id
+from oaisys_core.scatter.shapes import PLANTS
 from oaisys_core.scene import Ground, MeshPrototype, Placement
 
 T = TypeVar("T")
@@ -217,12 +218,12 @@ class EditedAssets:
         if spec.prototype is not None:
             return self._drawn.first_prototype[spec.prototype]
         look = spec.model_dump_json(include=set(ShapedConfig.model_fields) - LABELS)
-        key = (name if spec.file is None else "", look)
+        key = (name if spec.file is None else "", look, spec.scale if spec.shape in PLANTS else 1.0)
         if key not in self._cache.shared:
             stop_if_unwanted()
             rng = randomness.child(self._rng, f"add/{name}")
             self._cache.shared[key] = len(self._cache.prototypes)
-            self._cache.prototypes.append(self._library.prototype(spec, rng))
+            self._cache.prototypes.append(self._library.prototype(spec, rng, plant_m=spec.scale))
         return self._cache.shared[key]
 
     def _label(self, metadata: AssetMetadata) -> None:

@@ -14,6 +14,7 @@ from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.meshes.checks import local_origin
 from oaisys_core.meshes.files import R_Z_UP_FROM_Y_UP, Y_UP_SUFFIXES, LoadedMesh, load_mesh
+from oaisys_core.scatter.groups import size_classes_m
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scatter.shapes import check_shape, make_shape
 from oaisys_core.scene import MeshPrototype, PbrMaps
@@ -68,24 +69,31 @@ class PrototypeLibrary:
         rng: np.random.Generator,
         largest_m: float = 1.0,
         detail: int | None = None,
+        plant_m: float = 1.0,
     ) -> MeshPrototype:
         """Return the prototype of an object at its own size.
 
         Args:
             rng: Draws built-in shapes.
-            largest_m, detail: See `make_shape`.
+            largest_m, detail, plant_m: See `make_shape`.
         """
         if config.shape is not None:
-            look = make_shape(config.shape, rng, largest_m, detail)
+            look = make_shape(config.shape, rng, largest_m, detail, plant_m)
         else:
             look = self._from_file(config, "file")
         return self._coloured(look, config)
 
     def group_prototypes(self, group: GroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
-        """Return the variants of a group, each 1 m along its longest axis."""
+        """Return the variants of each size class of a group, each 1 m along its longest axis."""
         usual = ROCK_VARIANTS if group.shape in ROCK_KINDS else OTHER_VARIANTS
         count = 1 if group.shape is None else group.variants or usual
-        looks = [self.prototype(group, rng, group.size_m[1], group.detail) for _ in range(count)]
+        classes = size_classes_m(group)
+        count = -(-count // len(classes))
+        looks = [
+            self.prototype(group, rng, group.size_m[1], group.detail, middle_m)
+            for middle_m in classes
+            for _ in range(count)
+        ]
         return [_of_size_1(look) for look in looks]
 
     def _coloured(self, look: MeshPrototype, config: ShapedConfig) -> MeshPrototype:

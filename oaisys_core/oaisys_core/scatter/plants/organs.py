@@ -45,7 +45,7 @@ def add_leaves(
     feet_m: FloatArray,
     directions: FloatArray,
     lengths_m: FloatArray,
-    width: float,
+    widths_m: FloatArray,
     colors: FloatArray,
     rng: np.random.Generator,
     *,
@@ -58,12 +58,12 @@ def add_leaves(
 
     Args:
         parts: Where they are added.
-        feet_m, directions, lengths_m: (N, 3), (N, 3) and (N,).
-        width: Width as a share of the length.
+        feet_m, directions, lengths_m, widths_m: (N, 3), (N, 3), (N,) and (N,).
         colors: (N, 3).
         rng: Turns them.
         fold: Height of the sides above the midrib, as a share of half the width.
-        droop: Distance by which the tip hangs down, as a share of the length.
+        droop: How much the tip hangs down: the length, times this, is added downwards before the
+            leaf gets its length.
         face_up: How much they turn their upper sides towards the sky; 0 for any direction.
         translucency: Share of light that goes through.
     """
@@ -72,14 +72,124 @@ def add_leaves(
     normal = np.cross(side, ahead)
     long = lengths_m[:, None]
     middle = feet_m + 0.5 * long * ahead
-    half = 0.5 * width * long
+    half = 0.5 * widths_m[:, None]
     left = feet_m + 0.42 * long * ahead - half * side + fold * half * normal
     right = feet_m + 0.42 * long * ahead + half * side + fold * half * normal
-    tip = feet_m + long * ahead - droop * long * UP
+    tip = feet_m + long * unit(ahead - droop * UP)
     corners = np.stack((feet_m, left, middle, right, tip), axis=1)
     faces = np.array(((0, 3, 2), (0, 2, 1), (3, 4, 2), (2, 4, 1)))
     shade = np.array((0.85, 1.0, 0.92, 1.0, 1.08))
     _add(parts, corners, faces, colors[:, None] * shade[:, None], translucency)
+
+
+def add_simple_leaves(
+    parts: MeshBuilder,
+    feet_m: FloatArray,
+    directions: FloatArray,
+    lengths_m: FloatArray,
+    widths_m: FloatArray,
+    colors: FloatArray,
+    rng: np.random.Generator,
+    *,
+    droop: float = 0.25,
+) -> None:
+    """Add leaves of one triangle each, as large as those of `add_leaves`; for what see there."""
+    ahead = unit(unit(directions) - 0.5 * droop * UP)
+    side = unit(np.cross(ahead, UP + 0.6 * rng.normal(size=ahead.shape)))
+    side *= rng.choice((-1.0, 1.0), (len(side), 1))
+    long, half = lengths_m[:, None], 0.5 * widths_m[:, None]
+    shift = 0.35 * half * side
+    near = feet_m + 0.45 * long * ahead
+    corners = np.stack(
+        (feet_m - shift, near + 2 * half * side - shift, feet_m + long * ahead - shift), axis=1
+    )
+    shade = np.array((0.85, 1.0, 1.08))
+    _add(parts, corners, np.array(((0, 1, 2),)), colors[:, None] * shade[:, None],
+         LEAF_TRANSLUCENCY)  # fmt: skip
+
+
+def add_kites(
+    parts: MeshBuilder,
+    feet_m: FloatArray,
+    directions: FloatArray,
+    lengths_m: FloatArray,
+    widths_m: FloatArray,
+    colors: FloatArray,
+    rng: np.random.Generator,
+) -> None:
+    """Add flat leaves of two triangles that face any direction; for what see `add_leaves`."""
+    ahead = unit(directions)
+    side = unit(np.cross(ahead, rng.normal(size=ahead.shape)))
+    long, half = lengths_m[:, None], 0.5 * widths_m[:, None]
+    middle = feet_m + 0.5 * long * ahead
+    corners = np.stack(
+        (feet_m, middle - half * side, feet_m + long * ahead, middle + half * side), axis=1
+    )
+    _add(parts, corners, np.array(((0, 1, 2), (0, 2, 3))), colors[:, None], LEAF_TRANSLUCENCY)
+
+
+SHOOT_TRIANGLES, FORK_TRIANGLES = 4, 2
+
+SPREAD = 0.82
+"""Share of a needle's length by which it stands off its twig."""
+
+
+def add_shoots(
+    parts: MeshBuilder,
+    feet_m: FloatArray,
+    directions: FloatArray,
+    lengths_m: FloatArray,
+    teeth_m: FloatArray,
+    colors: FloatArray,
+    rng: np.random.Generator,
+    *,
+    slim: bool = False,
+) -> None:
+    """Add shoots full of needles: four teeth around a spine, each as long as a needle, (N,).
+
+    ``slim`` teeth take a third of the spine, others half.
+    """
+    ahead = unit(directions)
+    first = unit(np.cross(ahead, UP + 0.5 * rng.normal(size=ahead.shape)))
+    second = np.cross(ahead, first)
+    along = lengths_m[:, None] * ahead
+    spine = np.linspace(0, 1, 4 if slim else 3)
+    apexes = (0.25, 0.45, 0.6, 0.9) if slim else (0.32, 0.2, 0.7, 0.6)
+    corners = [feet_m + share * along for share in spine]
+    for share, turn_deg in zip(apexes, (5.0, 165.0, -40.0, 205.0), strict=True):
+        turn = np.radians(turn_deg)
+        side = np.cos(turn) * first + np.sin(turn) * second
+        tooth = teeth_m[:, None] * unit(SPREAD * side + 0.57 * ahead)
+        corners.append(feet_m + share * along + tooth)
+    if slim:
+        faces = np.array(((0, 1, 4), (1, 2, 5), (1, 2, 6), (2, 3, 7)))
+    else:
+        faces = np.array(((0, 1, 3), (0, 1, 4), (1, 2, 5), (1, 2, 6)))
+    shade = np.concatenate((np.linspace(0.72, 1.05, len(spine)), (1.1, 1.1, 1.15, 1.15)))
+    _add(parts, np.stack(corners, axis=1), faces, colors[:, None] * shade[:, None])
+
+
+def add_forks(
+    parts: MeshBuilder,
+    feet_m: FloatArray,
+    directions: FloatArray,
+    lengths_m: FloatArray,
+    widths_m: FloatArray,
+    colors: FloatArray,
+    rng: np.random.Generator,
+) -> None:
+    """Add pairs of shoots as they look from afar: two triangles that begin at one point."""
+    ahead = unit(directions)
+    level = unit(np.cross(ahead, UP + 0.5 * rng.normal(size=ahead.shape)))
+    corners = [feet_m]
+    for sign in (-1.0, 1.0):
+        way = unit(ahead + sign * 0.45 * level)
+        side = unit(np.cross(way, rng.normal(size=way.shape)))
+        tip = feet_m + lengths_m[:, None] * way
+        corners += [tip, feet_m + 0.4 * lengths_m[:, None] * way + widths_m[:, None] * side]
+    shade = np.array((0.72, 1.12, 0.95, 1.12, 0.95))
+    faces = np.array(((0, 1, 2), (0, 3, 4)))
+    _add(parts, np.stack(corners, axis=1), faces, colors[:, None] * shade[:, None])
 
 
 def add_needles(
@@ -87,17 +197,18 @@ def add_needles(
     feet_m: FloatArray,
     directions: FloatArray,
     lengths_m: FloatArray,
-    width: float,
+    widths_m: FloatArray,
     colors: FloatArray,
     rng: np.random.Generator,
+    translucency: float = NEEDLE_TRANSLUCENCY,
 ) -> None:
     """Add needles of one triangle each; for the arguments see `add_leaves`."""
     ahead = unit(directions)
     side = unit(np.cross(ahead, rng.normal(size=ahead.shape)))
-    half = 0.5 * width * lengths_m[:, None] * side
+    half = 0.5 * widths_m[:, None] * side
     corners = np.stack((feet_m - half, feet_m + half, feet_m + lengths_m[:, None] * ahead), axis=1)
     shade = np.array((0.8, 0.8, 1.12))
-    _add(parts, corners, np.array(((0, 1, 2),)), colors[:, None] * shade[:, None])
+    _add(parts, corners, np.array(((0, 1, 2),)), colors[:, None] * shade[:, None], translucency)
 
 
 def add_blades(

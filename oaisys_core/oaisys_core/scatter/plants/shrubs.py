@@ -2,50 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from oaisys_core.scatter.mesh_builder import MeshBuilder
-from oaisys_core.scatter.plants.growth import (
-    UP,
-    StemRule,
-    Stems,
-    branches,
-    departures,
-    spread_shares,
-    stems,
-)
-from oaisys_core.scatter.plants.organs import add_leaves, add_needles, add_stems, shades
+from oaisys_core.scatter.plants.fitting import fitted
+from oaisys_core.scatter.plants.foliage import Color, Dress, Foliage
+from oaisys_core.scatter.plants.growth import UP, StemRule, Stems, branches, stems
+from oaisys_core.scatter.plants.organ_sizes import ORGANS, OrganSize
+from oaisys_core.scatter.plants.organs import add_stems
 from oaisys_core.scene import MeshPrototype
-from oaisys_core.types import FloatArray
 
-Color = tuple[float, float, float]
+TREE_TRIANGLES, SHRUB_TRIANGLES = 60_000, 30_000
+"""Largest numbers of triangles of a plant, at any size."""
 
-
-@dataclass(frozen=True)
-class Foliage:
-    """Leaves or needles on the stems of the highest order.
-
-    Attributes:
-        number: On each stem.
-        size: Length, in heights of the plant.
-        width: Share of the length.
-        colors: Of young and of old ones, or of shade and light.
-        angle_deg: From the stem, at its foot and at its tip.
-        span: Shares of the stem's length on which they grow.
-        are_needles: Whether they have one triangle instead of four.
-        droop: See `add_leaves`.
-    """
-
-    number: int
-    size: float
-    width: float
-    colors: tuple[Color, Color]
-    angle_deg: tuple[float, float] = (70.0, 35.0)
-    span: tuple[float, float] = (0.1, 1.0)
-    are_needles: bool = False
-    droop: float = 0.25
+FLOWER_SHARE = 0.25
+"""Largest share of the triangles that flowers have."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +38,7 @@ class WoodyPlant:
         foliage: Leaves or needles.
         inner: Share of the foliage's number that the stems of the last order but one have, too.
         flowers: A second kind of foliage, such as blossoms.
+        most_triangles: Largest number of triangles, at any size.
     """
 
     trunks: int
@@ -75,27 +51,48 @@ class WoodyPlant:
     foliage: Foliage
     inner: float = 0.0
     flowers: Foliage | None = None
+    most_triangles: int = SHRUB_TRIANGLES
 
-    def grow(self, name: str, rng: np.random.Generator) -> MeshPrototype:
-        """Return a plant, 1 m high or wide."""
+    def grow(self, name: str, rng: np.random.Generator, size_m: float = 1.0) -> MeshPrototype:
+        """Return a plant for a size, scaled to 1 m along its longest axis."""
+        return fitted(name, partial(self._build, ORGANS[name]), rng, size_m)
+
+    def _build(
+        self,
+        organs: Mapping[str, OrganSize],
+        rng: np.random.Generator,
+        size_m: float,
+        _plant_m: float,
+    ) -> MeshBuilder:
         parts = MeshBuilder()
-        order = self._trunks(rng)
-        orders = [order]
-        for rule in self.orders:
-            order = branches(order, rule, rng)
-            orders.append(order)
+        orders = self._orders(rng)
+        points = np.concatenate([each.points_m.reshape(-1, 3) for each in orders])
+        shrink = 1 / np.ptp(points, axis=0).max()
+        orders = [Stems(shrink * each.points_m, shrink * each.radii_m) for each in orders]
         for level, stem in enumerate(orders):
             share = level / max(len(orders) - 1, 1)
             color = np.asarray(self.bark[0]) * (1 - share) + np.asarray(self.bark[1]) * share
             bright = rng.uniform(0.8, 1.15, (len(stem.points_m), 1))
             add_stems(parts, stem, bright * color, sides=5 if level == 0 else 3)
-        _dress(parts, orders[-1], self.foliage, self.foliage.number, rng)
-        inner = round(self.inner * self.foliage.number)
-        if inner:
-            _dress(parts, orders[-2], self.foliage, inner, rng)
+        outer, inner = orders[-1], orders[-2]
+        inner_share = self.inner * len(inner.points_m) / len(outer.points_m)
+        left = self.most_triangles - parts.triangle_count
+        flowers = round(FLOWER_SHARE * left) if self.flowers is not None else 0
+        where = [(outer, 1.0), (inner, inner_share)]
+        bark = self.bark[1]
+        dress = Dress(parts, where, self.foliage, organs["leaf"], bark, size_m)
+        dress.dress(left - flowers, rng)
         if self.flowers is not None:
-            _dress(parts, orders[-1], self.flowers, self.flowers.number, rng)
-        return parts.mesh_of_size_1(name)
+            dress = Dress(parts, [(outer, 1.0)], self.flowers, organs["flower"], bark, size_m)
+            dress.dress(flowers, rng)
+        return parts
+
+    def _orders(self, rng: np.random.Generator) -> list[Stems]:
+        """Return the trunks and the branches of each order, from the lowest."""
+        orders = [self._trunks(rng)]
+        for rule in self.orders:
+            orders.append(branches(orders[-1], rule, rng))
+        return orders
 
     def _trunks(self, rng: np.random.Generator) -> Stems:
         count = self.trunks
@@ -110,32 +107,6 @@ class WoodyPlant:
                      self.trunk, rng)  # fmt: skip
 
 
-def _dress(
-    parts: MeshBuilder, stem: Stems, foliage: Foliage, number: int, rng: np.random.Generator
-) -> None:
-    """Add leaves or needles to stems; outer and upper ones are brighter."""
-    shares = spread_shares(len(stem.points_m), number, foliage.span, rng)
-    feet, directions, _ = departures(stem, shares, foliage.angle_deg, 0.2, rng)
-    feet, directions = feet.reshape(-1, 3), directions.reshape(-1, 3)
-    lengths = foliage.size * rng.uniform(0.7, 1.2, len(feet))
-    light = _light(feet)
-    colors = shades(rng, *foliage.colors, len(feet)) * light[:, None]
-    if foliage.are_needles:
-        add_needles(parts, feet, directions, lengths, foliage.width, colors, rng)
-        return
-    add_leaves(
-        parts, feet, directions, lengths, foliage.width, colors, rng, droop=foliage.droop
-    )  # fmt: skip
-
-
-def _light(feet: FloatArray) -> FloatArray:
-    """Return (N,) brightness factors: leaves outside and above are paler than those within."""
-    centre = feet.mean(axis=0)
-    reach = np.maximum(np.ptp(feet, axis=0) / 2, 1e-6)
-    away = np.linalg.norm((feet - centre) / reach, axis=1)
-    return np.asarray(np.clip(0.72 + 0.3 * np.clip(away, 0, 1.2), 0.7, 1.1))
-
-
 HEATHER = WoodyPlant(
     trunks=34,
     lean=0.8,
@@ -148,11 +119,11 @@ HEATHER = WoodyPlant(
         ),
     ),
     bark=((0.27, 0.21, 0.16), (0.30, 0.27, 0.14)),
-    foliage=Foliage(30, 0.028, 0.30, ((0.22, 0.27, 0.11), (0.34, 0.36, 0.17)), are_needles=True),
+    foliage=Foliage(1.4, ((0.22, 0.27, 0.11), (0.34, 0.36, 0.17)), shoot_m=(0.02, 0.06)),
     inner=0.6,
     flowers=Foliage(
-        14, 0.018, 0.9, ((0.58, 0.30, 0.50), (0.74, 0.52, 0.66)), (75.0, 50.0), (0.45, 1.0),
-        are_needles=True,
+        0.40, ((0.58, 0.30, 0.50), (0.74, 0.52, 0.66)), (75.0, 50.0), (0.45, 1.0),
+        shoot_m=(0.02, 0.06),
     ),
 )  # fmt: skip
 
@@ -168,7 +139,7 @@ JUNIPER = WoodyPlant(
     ),
     bark=((0.30, 0.22, 0.16), (0.34, 0.28, 0.18)),
     foliage=Foliage(
-        26, 0.040, 0.17, ((0.16, 0.25, 0.15), (0.33, 0.42, 0.28)), (60.0, 30.0), are_needles=True
+        1.6, ((0.16, 0.25, 0.15), (0.33, 0.42, 0.28)), (60.0, 30.0), shoot_m=(0.03, 0.10), twig=0.03
     ),
     inner=1.0,
 )
@@ -185,12 +156,13 @@ WILLOW = WoodyPlant(
     ),
     bark=((0.36, 0.31, 0.23), (0.47, 0.36, 0.20)),
     foliage=Foliage(
-        8, 0.066, 0.23, ((0.28, 0.37, 0.19), (0.46, 0.52, 0.34)), (50.0, 28.0), droop=0.3
+        1.0, ((0.28, 0.37, 0.19), (0.46, 0.52, 0.34)), (50.0, 28.0), droop=0.3, twig=0.066
     ),
     inner=0.5,
 )
 
 BIRCH = WoodyPlant(
+    most_triangles=TREE_TRIANGLES,
     trunks=1,
     lean=0.08,
     height=1.0,
@@ -204,11 +176,12 @@ BIRCH = WoodyPlant(
         StemRule(8, (0.22, 1.0), 0.46, (0.8, 1.0, 0.6), (45.0, 30.0), -0.55, 0.2, points=4),
     ),
     bark=((0.72, 0.70, 0.66), (0.28, 0.19, 0.15)),
-    foliage=Foliage(12, 0.030, 0.78, ((0.25, 0.38, 0.10), (0.45, 0.54, 0.17)), (75.0, 50.0)),
+    foliage=Foliage(0.95, ((0.25, 0.38, 0.10), (0.45, 0.54, 0.17)), (75.0, 50.0), twig=0.045),
     inner=0.8,
 )  # fmt: skip
 
 OAK = WoodyPlant(
+    most_triangles=TREE_TRIANGLES,
     trunks=1,
     lean=0.1,
     height=0.8,
@@ -223,7 +196,7 @@ OAK = WoodyPlant(
         StemRule(4, (0.25, 1.0), 0.5, (0.9, 1.0, 0.8), (50.0, 35.0), 0.1, 0.3, points=3),
     ),
     bark=((0.27, 0.23, 0.19), (0.33, 0.27, 0.18)),
-    foliage=Foliage(11, 0.042, 0.6, ((0.20, 0.31, 0.09), (0.36, 0.45, 0.15)), (65.0, 40.0)),
+    foliage=Foliage(2.3, ((0.20, 0.31, 0.09), (0.36, 0.45, 0.15)), (65.0, 40.0), twig=0.055),
     inner=0.9,
 )  # fmt: skip
 
@@ -238,14 +211,13 @@ HAWTHORN = WoodyPlant(
         StemRule(7, (0.2, 1.0), 0.42, (0.9, 1.0, 0.7), (55.0, 40.0), 0.1, 0.3, points=3),
     ),
     bark=((0.31, 0.27, 0.22), (0.36, 0.28, 0.20)),
-    foliage=Foliage(11, 0.036, 0.75, ((0.17, 0.29, 0.08), (0.34, 0.44, 0.14)), (70.0, 45.0)),
+    foliage=Foliage(1.0, ((0.17, 0.29, 0.08), (0.34, 0.44, 0.14)), (70.0, 45.0), twig=0.05),
     inner=0.6,
-    flowers=Foliage(
-        3, 0.018, 1.0, ((0.88, 0.87, 0.80), (0.86, 0.78, 0.76)), (70.0, 45.0), (0.4, 1.0)
-    ),
+    flowers=Foliage(0.10, ((0.88, 0.87, 0.80), (0.86, 0.78, 0.76)), (70.0, 45.0), (0.4, 1.0)),
 )
 
 SPRUCE = WoodyPlant(
+    most_triangles=TREE_TRIANGLES,
     trunks=1,
     lean=0.02,
     height=1.0,
@@ -260,13 +232,13 @@ SPRUCE = WoodyPlant(
     ),
     bark=((0.30, 0.23, 0.18), (0.33, 0.24, 0.15)),
     foliage=Foliage(
-        26, 0.026, 0.20, ((0.12, 0.21, 0.11), (0.26, 0.37, 0.19)), (55.0, 30.0), (0.0, 1.0),
-        are_needles=True,
-    ),
+        1.3, ((0.12, 0.21, 0.11), (0.26, 0.37, 0.19)), (55.0, 30.0), (0.0, 1.0),
+        shoot_m=(0.05, 0.25), twig=0.03),
     inner=1.5,
 )  # fmt: skip
 
 PINE = WoodyPlant(
+    most_triangles=TREE_TRIANGLES,
     trunks=1,
     lean=0.12,
     height=0.95,
@@ -281,9 +253,8 @@ PINE = WoodyPlant(
     ),
     bark=((0.42, 0.29, 0.20), (0.38, 0.28, 0.19)),
     foliage=Foliage(
-        48, 0.056, 0.085, ((0.17, 0.27, 0.14), (0.32, 0.43, 0.23)), (55.0, 22.0), (0.1, 1.0),
-        are_needles=True,
-    ),
+        1.3, ((0.17, 0.27, 0.14), (0.32, 0.43, 0.23)), (55.0, 22.0), (0.1, 1.0),
+        shoot_m=(0.08, 0.25), twig=0.03, slim=True),
     inner=0.6,
 )  # fmt: skip
 
@@ -299,7 +270,12 @@ DWARF_PINE = WoodyPlant(
     ),
     bark=((0.33, 0.26, 0.21), (0.38, 0.29, 0.20)),
     foliage=Foliage(
-        40, 0.066, 0.085, ((0.15, 0.25, 0.12), (0.29, 0.40, 0.18)), (55.0, 22.0), are_needles=True
+        1.75,
+        ((0.15, 0.25, 0.12), (0.29, 0.40, 0.18)),
+        (55.0, 22.0),
+        shoot_m=(0.05, 0.20),
+        twig=0.03,
+        slim=True,
     ),
     inner=0.6,
 )

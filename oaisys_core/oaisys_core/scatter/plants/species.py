@@ -1,14 +1,15 @@
-"""The species by name; each generator returns a plant of 1 m, with its foot at the origin."""
+"""The species by name.
+
+Each generator returns a plant scaled to 1 m, with its foot at the origin; its leaves have their own
+size where it is scaled to the size in metres that was given.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
-import numpy as np
-
 from oaisys_core.scatter.plants import herbs, shrubs
-from oaisys_core.scene import MeshPrototype
+from oaisys_core.scatter.plants.fitting import PlantGenerator, fitted
 
 WOODY = {
     "heather": shrubs.HEATHER,
@@ -22,11 +23,10 @@ WOODY = {
     "spruce": shrubs.SPRUCE,
 }
 
-SPECIES: dict[str, Callable[[np.random.Generator], MeshPrototype]] = {
-    "meadow": herbs.meadow,
-    "flower_meadow": herbs.flower_meadow,
-    "sedge": herbs.sedge,
-    "reed": herbs.reed,
-    "bracken": herbs.bracken,
+SPECIES: dict[str, PlantGenerator] = {
+    **{
+        build.__name__: partial(fitted, build.__name__, build)
+        for build in (herbs.meadow, herbs.flower_meadow, herbs.sedge, herbs.reed, herbs.bracken)
+    },
     **{name: partial(plant.grow, name) for name, plant in WOODY.items()},
 }
