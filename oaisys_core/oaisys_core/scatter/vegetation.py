@@ -61,7 +61,7 @@ def fern(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
         leaflet.length_m[1] / MARGIN / unit_m,
         np.array(inner(leaflet.width_m)) / unit_m,
     )
-    number = int(np.clip(size_m / leaflet.mean_width_m, 14, 60))
+    number = int(np.clip(0.5 * size_m / leaflet.mean_width_m, 14, 60))
     fronds = 11
     for frond in range(fronds):
         azimuth = 2 * np.pi * (frond + rng.uniform(-0.3, 0.3)) / fronds
@@ -83,7 +83,7 @@ def fern(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
             for sign in (-1.0, 1.0):
                 way = sign * side + 0.45 * ahead - 0.18 * UP
                 tip = spine[k] + reach * way / np.linalg.norm(way)
-                broad = 0.5 * np.clip(0.9 * length / number, thinnest, broadest) * ahead
+                broad = 0.5 * np.clip(0.75 * length / number, thinnest, broadest) * ahead
                 middle = 0.55 * spine[k] + 0.45 * tip + 0.02 * reach * UP
                 left = np.array((spine[k] - 0.6 * broad, middle - broad, tip))
                 right = np.array((spine[k] + 0.6 * broad, middle + broad, tip))
