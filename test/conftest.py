@@ -15,6 +15,10 @@ from leak_check import MARK, LeakCheck
 # Before any test imports Open3D: Blender may then be imported after it.
 import oaisys_core  # noqa: F401
 
+# A shell's background job ignores SIGINT, and so would the programs that tests interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 # The same examples on every run: a change is judged by what it changed. Others are drawn with
 # HYPOTHESIS_PROFILE=default.
 hypothesis.settings.register_profile("repeatable", derandomize=True)

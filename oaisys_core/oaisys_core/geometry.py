@@ -24,11 +24,15 @@ ROTATION_TOLERANCE = 1e-6
 """Largest error, at z = 1, of the inverse of the distortion."""
 
 INVERSE_STEPS = 8
-NEWTON_STEPS = 6
-"""Steps from the centre of the lens to a pixel, and Newton steps at the pixel."""
+NEWTON_STEPS, FOLD_STEPS = 6, 18
+"""Steps from the centre of the lens to a pixel, Newton steps at the pixel, and most further ones
+beside a fold, where each of them only halves the error."""
 
 INVERSE_CHUNK = 16384
 """Pixels that are processed at once, so that intermediate arrays fit into the CPU cache."""
+
+INVERSE_HALVINGS = 10
+"""How often a step of Newton's method that leads beyond a fold is halved."""
 
 LEAST_MAGNIFICATION = 1e-3
 """A distortion that scales areas by less than this anywhere in the image is refused.
@@ -222,18 +226,40 @@ def undistorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
 
 def _undistorted_chunk(target: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
     found = np.zeros_like(target)
-    is_valid = np.ones(len(target), dtype=bool)
     steps = [(step + 1) / INVERSE_STEPS for step in range(INVERSE_STEPS)]
     for share in [share for share in steps for _ in range(2)] + [1.0] * NEWTON_STEPS:
-        a, b, d = _magnification(found, distortion)
-        determinant = a * d - b * b
-        is_valid &= determinant > LEAST_MAGNIFICATION
-        u, v = (distorted(found, distortion) - share * target).T
-        found[:, 0] -= (d * u - b * v) / determinant
-        found[:, 1] -= (a * v - b * u) / determinant
+        found = _newton_step(found, share * target, distortion)
+    for _ in range(FOLD_STEPS):
+        error = np.abs(distorted(found, distortion) - target).max(axis=1)
+        far = np.flatnonzero(~(error < INVERSE_TOLERANCE))
+        if not len(far):
+            break
+        found[far] = _newton_step(found[far], target[far], distortion)
     error = np.abs(distorted(found, distortion) - target).max(axis=1)
-    found[~(is_valid & (error < INVERSE_TOLERANCE))] = np.nan
+    is_valid = (_area_scale(found, distortion) > LEAST_MAGNIFICATION) & (error < INVERSE_TOLERANCE)
+    found[~is_valid] = np.nan
     return found
+
+
+def _newton_step(
+    found: FloatArray, target: FloatArray, distortion: tuple[float, ...]
+) -> FloatArray:
+    """Return undistorted points nearer to (N, 2) distorted ones, on this side of a fold."""
+    a, b, d = _magnification(found, distortion)
+    u, v = (distorted(found, distortion) - target).T
+    step = np.column_stack((d * u - b * v, a * v - b * u)) / (a * d - b * b)[:, None]
+    for _ in range(INVERSE_HALVINGS):
+        folded = ~(_area_scale(found - step, distortion) > LEAST_MAGNIFICATION)
+        if not folded.any():
+            break
+        step[folded] /= 2
+    return found - step
+
+
+def _area_scale(xy: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+    """Return the (N,) factors by which `distorted` scales areas; not above 0 beyond a fold."""
+    a, b, d = _magnification(xy, distortion)
+    return a * d - b * b
 
 
 def _magnification(
@@ -386,8 +412,8 @@ def _lens_reach(intrinsics: PinholeIntrinsics) -> tuple[FloatArray, FloatArray]:
     azimuths = np.linspace(-np.pi, np.pi, REACH_AZIMUTHS)
     radii = np.linspace(0.0, LENS_REACH * farthest, REACH_RADII)
     xy = np.stack((np.cos(azimuths), np.sin(azimuths)), axis=-1)[:, None] * radii[:, None]
-    a, b, d = _magnification(xy.reshape(-1, 2), intrinsics.distortion)
-    surplus = (a * d - b * b).reshape(xy.shape[:2]) - LEAST_MAGNIFICATION
+    scale = _area_scale(xy.reshape(-1, 2), intrinsics.distortion)
+    surplus = scale.reshape(xy.shape[:2]) - LEAST_MAGNIFICATION
     reaches = np.full(len(azimuths), radii[-1])
     folds = np.flatnonzero((surplus <= 0).any(axis=1))
     after = np.maximum((surplus[folds] <= 0).argmax(axis=1), 1)

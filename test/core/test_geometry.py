@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from landmarks import straightened
 from scipy.spatial.transform import Rotation
@@ -198,6 +198,7 @@ DIRECTIONS = Rotation.random(4000, random_state=3).apply((0.0, 0.0, 1.0))
     ),
     focal_px=st.floats(30, 120),
 )
+@example((0.0, 0.0, 0.0, 0.0, -0.25), 52.0)  # directions just on this side of its fold
 def test_where_a_lens_is_not_known_nothing_is_projected(
     lens: tuple[float, ...], focal_px: float
 ) -> None:

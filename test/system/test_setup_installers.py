@@ -174,7 +174,7 @@ def test_pip_installs_where_uv_does_not(
     assert installer.uv_log.read_text() != ""
     assert renewed == [True]
     last = (tmp_path / "bin" / "calls").read_text().splitlines()[-1].split()
-    assert last[:4] == ["python", "-m", "pip", "install"]
+    assert last[:5] == ["python", "-P", "-m", "pip", "install"]
     # An index without uv must not keep pip from the rest.
     assert Path(last[-1]).read_text() == "a-package==1.0\n"
 

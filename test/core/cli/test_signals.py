@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -80,7 +81,8 @@ class Command:
         with within(SHUTDOWN_S):
             self.process.send_signal(number)
             if twice:
-                os.killpg(self.process.pid, number)
+                with suppress(ProcessLookupError):  # it has ended already
+                    os.killpg(self.process.pid, number)
             _, told = self.process.communicate(timeout=PATIENCE_S)
         assert self.process.returncode == 128 + number, told
         assert not self.processes()
