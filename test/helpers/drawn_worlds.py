@@ -376,7 +376,9 @@ def drawn_camera(draw: Draw, name: str) -> Json:
         camera["fx_px"] = camera["fy_px"] = draw.number(60, 110)
         camera["distortion"] = {"k1": draw.number(-0.2, 0.2), "p1": draw.number(-0.01, 0.01)}
     elif kind == "depth":
-        camera["lens"] = {"focus_distance_m": draw.log(1, 15), "f_number": draw.log(0.05, 8)}
+        # Of lenses that exist: in air none is faster than f/0.5, and blur far wider than a pixel
+        # has grain at any quality, because each of its samples goes through one point of the lens.
+        camera["lens"] = {"focus_distance_m": draw.log(1, 15), "f_number": draw.log(1, 16)}
         camera["lens"] |= draw.some(blades=draw.whole(3, 8), ratio=draw.log(0.5, 2))
     elif kind == "motion":
         camera["shutter_share"] = draw.number(0.1, 0.8)
