@@ -253,7 +253,7 @@ def _newton_step(
         if not folded.any():
             break
         step[folded] /= 2
-    return found - step
+    return np.asarray(found - step)
 
 
 def _area_scale(xy: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
