@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from oaisys_core.dataset import open_dataset
+from oaisys_dataset import open_dataset
 
 dataset = open_dataset(sys.argv[1]).split("train")
 rng = np.random.default_rng(0)

@@ -15,22 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core import randomness
-from oaisys_core.backend import make_backend
-from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.config import SimulationConfig, config_sha256
-from oaisys_core.environment.low_sun import LowSunWarning
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.module import World, drawn
-from oaisys_core.modules.sensors import DueSensors
 from oaisys_core.output.records import recorded_motion
-from oaisys_core.scene import Scene
-from oaisys_core.sensing.view_renderer import (
+from oaisys_core.procedural.environment.low_sun import LowSunWarning
+from oaisys_core.render import make_backend
+from oaisys_core.render.base import Backend
+from oaisys_core.render.view_renderer import (
     FramesPlacement,
     SampleSteps,
     ViewRenderer,
     leave_frames,
 )
-from oaisys_core.trajectory import RigMotion
+from oaisys_core.scene import Scene
+from oaisys_core.scene.rig_motion import RigMotion
+from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     FloatArray,
     FrameName,
@@ -39,6 +38,7 @@ from oaisys_core.types import (
     ModuleMetadata,
     ObjectPage,
     ObjectQuery,
+    ProgressCallback,
     Provenance,
     Sample,
     SampleOutline,
@@ -55,7 +55,9 @@ from oaisys_core.world.batch import (
     state_of,
 )
 from oaisys_core.world.height_grids import Extent, height_grid
+from oaisys_core.world.module import World, drawn
 from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
+from oaisys_core.world.modules.sensors import DueSensors
 from oaisys_core.world.reuse import batch_seeds, section_sha256, stage_record
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.socket_paths import MOST_PATH_BYTES, fits
+from oaisys_core.system.socket_paths import MOST_PATH_BYTES, fits
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
 

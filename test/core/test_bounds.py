@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oaisys_core.backend.surface import BAND_PIXELS, bands
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.sensors import CameraConfig, optics_bounds_px
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.interruption import interruptible, stop_if_unwanted
-from oaisys_core.modules.clearance import MOST_EXTENTS
+from oaisys_core.raycast.clearance import MOST_EXTENTS
+from oaisys_core.raycast.surface import BAND_PIXELS, bands
 from oaisys_core.simulation import Simulation
+from oaisys_core.system.interruption import interruptible, stop_if_unwanted
 from oaisys_core.types import ModuleMetadata, Pose
 
 WIDTH_PX = 64

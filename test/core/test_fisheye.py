@@ -11,10 +11,10 @@ import pytest
 from synthetic_worlds import camera, flat_world, settings
 
 from oaisys_core import geometry
-from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.config import CameraConfig, config_from_mapping
 from oaisys_core.errors import ConfigError
 from oaisys_core.output.records import intrinsics_from_record, intrinsics_record
+from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.types import EQUIDISTANT, PinholeIntrinsics, Pose
 
 LENSES = {

@@ -9,11 +9,11 @@ import pytest
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError, NotReadyError
-from oaisys_core.extension_modules import ExtensionModule, NoOptions
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.module import Metadata, World
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
+from oaisys_core.world.extension_modules import ExtensionModule, NoOptions
+from oaisys_core.world.module import Metadata, World
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",

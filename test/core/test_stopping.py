@@ -8,7 +8,12 @@ from collections.abc import Callable
 import pytest
 
 from oaisys_core.errors import CancelledError
-from oaisys_core.interruption import interruptible, stop_if_unwanted, stopped_by, wanted_check
+from oaisys_core.system.interruption import (
+    interruptible,
+    stop_if_unwanted,
+    stopped_by,
+    wanted_check,
+)
 
 PATIENCE_S = 30.0
 

@@ -18,11 +18,11 @@ from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.config.sections.materials import LayerConfig
 from oaisys_core.errors import ConfigError
-from oaisys_core.module import Module
-from oaisys_core.scatter.shapes import SHAPES
+from oaisys_core.procedural.scatter.shapes import SHAPES
+from oaisys_core.procedural.terrain.presets import PRESETS
+from oaisys_core.procedural.textures.library import TEXTURES
 from oaisys_core.simulation import Simulation
-from oaisys_core.terrain.presets import PRESETS
-from oaisys_core.textures.library import TEXTURES
+from oaisys_core.world.module import Module
 
 Json = dict[str, Any]
 EXACT = ("depth", "semantic_0", "semantic_1", "instance")

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.materials import LookConfig
 from oaisys_core.config.sections.render import RenderConfig
-from oaisys_core.scatter.rocks import ROCK_KINDS
-from oaisys_core.scatter.shapes import SHAPES
-from oaisys_core.terrain.presets import PRESETS
-from oaisys_core.textures.library import TEXTURES
+from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
+from oaisys_core.procedural.scatter.shapes import SHAPES
+from oaisys_core.procedural.terrain.presets import PRESETS
+from oaisys_core.procedural.textures.library import TEXTURES
 
 Json = dict[str, Any]
 Image = NDArray[Any]

@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 from synthetic_worlds import SUNNY, flat_world
 
 from oaisys_core.config import CameraConfig, SensorsConfig
-from oaisys_core.module import World
-from oaisys_core.modules import SensorsModule
 from oaisys_core.scene import PlacedCamera, Primitive, Scene
 from oaisys_core.types import FloatArray, Frame, Pose
+from oaisys_core.world.module import World
+from oaisys_core.world.modules import SensorsModule
 
 AXES_OF_OPTICAL_IN_LINK = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """REP-103: the optical z axis is the link's x, x its -y, y its -z."""

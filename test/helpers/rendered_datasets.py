@@ -12,19 +12,19 @@ import numpy as np
 
 from oaisys_core import randomness
 from oaisys_core.config import SimulationConfig, config_from_mapping, config_sha256
-from oaisys_core.dataset.manifest import (
+from oaisys_core.geometry import pose_looking_at
+from oaisys_core.output.records import intrinsics_record
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import Frame, ModuleMetadata, ObjectQuery, Pose, Sample
+from oaisys_dataset.manifest import (
     DatasetInfo,
     FrameRecord,
     LegendInstance,
     WorldLegend,
     frame_id,
 )
-from oaisys_core.dataset.places import open_place
-from oaisys_core.dataset.shards import HEAD, writing_shard
-from oaisys_core.geometry import pose_looking_at
-from oaisys_core.output.records import intrinsics_record
-from oaisys_core.simulation import Simulation
-from oaisys_core.types import Frame, ModuleMetadata, ObjectQuery, Pose, Sample
+from oaisys_dataset.places import open_place
+from oaisys_dataset.shards import HEAD, writing_shard
 
 WORLDS = {0: "train", 1: "train", 2: "val"}
 """Split by world."""

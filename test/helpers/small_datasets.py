@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.dataset.manifest import WorldFailure
-from oaisys_core.dataset.places import open_place
-from oaisys_core.dataset.plan import WorldTask
-from oaisys_core.dataset.rendering import dataset_info
-from oaisys_core.dataset.shards import HEAD
-from oaisys_core.dataset.workers import written
-from oaisys_core.dataset.world_render import WorldRenderer
+from oaisys_dataset.manifest import WorldFailure
+from oaisys_dataset.places import open_place
+from oaisys_dataset.plan import WorldTask
+from oaisys_dataset.rendering import dataset_info
+from oaisys_dataset.shards import HEAD
+from oaisys_dataset.workers import written
+from oaisys_dataset.world_render import WorldRenderer
 
 SMALL: dict[str, Any] = {
     "backend": "analytic",

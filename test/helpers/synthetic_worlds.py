@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.backend.base import RenderSettings
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix, transform
 from oaisys_core.scene import (
     HeightField,
@@ -21,6 +20,7 @@ from oaisys_core.scene import (
     TerrainLayer,
     TerrainMaterial,
 )
+from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, FloatArray, PinholeIntrinsics, Pose
 
 EXTENT_M = 40.0

@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.surface import NO_TARGET, Surface
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pixel_rays
+from oaisys_core.raycast.surface import NO_TARGET, Surface
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import RGB, Frame, ModuleMetadata, Sample
 

@@ -21,7 +21,7 @@ PLAIN_CORE = {
     "oaisys_core.types",
     "oaisys_core.geometry",
     "oaisys_core.errors",
-    "oaisys_core.socket_paths",
+    "oaisys_core.system.socket_paths",
     # The standard library and, on use, PyYAML: documents have the same bounds everywhere.
     "oaisys_core.files.documents",
     "oaisys_core.files.markdown",
@@ -29,8 +29,8 @@ PLAIN_CORE = {
     "oaisys_core.files.mesh_headers",
     # The standard library alone: how programs are started and end.
     "oaisys_core.cli.signals",
-    "oaisys_core.private_files",
-    "oaisys_core.python_programs",
+    "oaisys_core.system.private_files",
+    "oaisys_core.system.python_programs",
     # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.
     "oaisys_core.sensing.faults",
     # Plain data: what `oaisys drive` gives to bags and reports.
@@ -164,8 +164,8 @@ def allowed_for(module: str) -> set[str]:
     """What ``module`` may import besides the standard library and its own package."""
     package = module.split(".")[0]
     if package == "oaisys_core":
-        blender = is_below(module, {"oaisys_core.backend.blender"})
-        dataset = is_below(module, {"oaisys_core.dataset"})
+        blender = is_below(module, {"oaisys_core.render.blender"})
+        dataset = is_below(module, {"oaisys_dataset"})
         extra = (BLENDER if blender else set()) | (DATASET_LIBRARIES if dataset else set())
         return CORE_LIBRARIES | COMMAND_LINE | extra
     if package == "oaisys_mapping":

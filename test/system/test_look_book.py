@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from repository import REPOSITORY
 
-from oaisys_core.terrain.presets import PRESETS
+from oaisys_core.procedural.terrain.presets import PRESETS
 from tools.gallery.look_book import figures, table
 from tools.gallery.look_book.rendering import LookPicture, render_world
 from tools.gallery.look_book.views import LOW_DEG, NOON_DEG, LookWorld, Viewpoint, look_worlds

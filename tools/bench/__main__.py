@@ -12,8 +12,8 @@ from typing import Annotated, NamedTuple, get_args
 import typer
 from rich.console import Console
 
-from oaisys_core.backend.base import Device
 from oaisys_core.errors import OaisysError
+from oaisys_core.sensing.render_settings import Device
 from tools.bench.figures import Figure
 from tools.bench.machine import machine
 from tools.bench.report import TopicProgress, print_table, write_results

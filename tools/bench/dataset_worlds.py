@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
-from oaisys_core.dataset.plan import WorldTask, world_tasks
 from oaisys_core.types import DEPTH, INSTANCE, NORMAL, RGB, SEMANTIC_0, merged
+from oaisys_dataset.plan import WorldTask, world_tasks
 from tools.bench.settings import Settings
 from tools.bench.worlds import world_file, world_mapping
 

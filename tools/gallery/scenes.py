@@ -10,8 +10,8 @@ import numpy as np
 
 from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, load_config
 from oaisys_core.geometry import pose_looking_at
+from oaisys_core.procedural.textures.library import TEXTURES
 from oaisys_core.simulation import Simulation
-from oaisys_core.textures.library import TEXTURES
 from oaisys_core.types import Pose
 
 EYE_HEIGHT_M = 1.7

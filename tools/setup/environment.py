@@ -14,7 +14,13 @@ PYTHON_VERSION = f"{sys.version_info.major}.{sys.version_info.minor}"
 REQUIREMENTS = REPOSITORY / "requirements" / f"py{PYTHON_VERSION.replace('.', '')}.txt"
 PYTHON_PACKAGES = tuple(
     REPOSITORY / name
-    for name in ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
+    for name in (
+        "oaisys_core",
+        "oaisys_dataset",
+        "oaisys_grpc",
+        "oaisys_mapping",
+        "oaisys_ros_bridge",
+    )
 )
 SETUP = Path(__file__).resolve().parent
 UNDERLAY = tuple(

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from oaisys_core.terrain.presets import make_ground
+from oaisys_core.procedural.terrain.presets import make_ground
 from oaisys_core.world.stage_store import StageRecord, content_hash, save_stage
 
 DEM_PX = 97

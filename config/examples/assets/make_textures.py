@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from oaisys_core.terrain.noise import Field, spectral
-from oaisys_core.textures.fields import normals_from_height
+from oaisys_core.procedural.terrain.noise import Field, spectral
+from oaisys_core.procedural.textures.fields import normals_from_height
 
 SIZE = 128
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, 82)

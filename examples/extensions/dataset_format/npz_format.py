@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.dataset import Dataset
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_dataset import Dataset
+from oaisys_dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
 
 
 class NpzFormat(DatasetFormat):

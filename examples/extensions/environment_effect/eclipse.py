@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from oaisys_core.config.section import Range
-from oaisys_core.environment.effects import EnvironmentEffect
-from oaisys_core.sky import Sky
+from oaisys_core.procedural.environment.effects import EnvironmentEffect
+from oaisys_core.scene.sky import Sky
 
 
 class Eclipse(EnvironmentEffect):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from oaisys_core.config.section import Positive, Section
-from oaisys_core.extension_modules import ExtensionModule
 from oaisys_core.geometry import transform
-from oaisys_core.module import Metadata, World, drawn
 from oaisys_core.scene import Primitive
+from oaisys_core.world.extension_modules import ExtensionModule
+from oaisys_core.world.module import Metadata, World, drawn
 
 
 class FlagOptions(Section):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.terrain.landform import GroundSpec
+from oaisys_core.procedural.terrain.landform import GroundSpec
 
 STEPS = 6
 

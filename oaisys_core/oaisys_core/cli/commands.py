@@ -38,9 +38,9 @@ def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> 
     of files.
     """
     from oaisys_core.config import config_sha256, load_config
-    from oaisys_core.config.checking import name_faults
     from oaisys_core.config.loading import with_lines
     from oaisys_core.errors import ConfigError
+    from oaisys_core.world.config_files import name_faults
 
     config = load_config(file)
     faults = name_faults(config)
@@ -104,9 +104,9 @@ def import_(
 ) -> None:
     """Convert an original OAISYS configuration to ours, and report what becomes of each key."""
     from oaisys_core.config import config_from_mapping
-    from oaisys_core.config.checking import name_faults
-    from oaisys_core.config.importing.importer import import_file
     from oaisys_core.errors import ConfigError
+    from oaisys_core.importing.importer import import_file
+    from oaisys_core.world.config_files import name_faults
 
     imported = import_file(file, assets, out, strict=strict, stand_ins=stand_ins)
     faults = name_faults(config_from_mapping(imported.config))

@@ -21,7 +21,7 @@ from typer.core import TyperGroup
 
 from oaisys_core.cli.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
-from oaisys_core.shortages import shortage
+from oaisys_core.system.shortages import shortage
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None

@@ -64,7 +64,7 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
         grace_s: How long the child may take to end by itself after `KeyboardInterrupt`; 0: it is
             killed at once.
     """
-    from oaisys_core.leftovers import Leftovers, record_leftovers
+    from oaisys_core.system.leftovers import Leftovers, record_leftovers
 
     record = Leftovers()
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)

@@ -13,9 +13,9 @@ from pydantic import ValidationError
 
 from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.config.paths import BASE
 from oaisys_core.errors import ConfigError, quoted
 from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
+from oaisys_core.files.path_fields import BASE
 
 
 def load_config(path: Path) -> SimulationConfig:

@@ -9,20 +9,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.drive.odometry_drift import OdometryDrift
 from oaisys_core.drive.schedule import NANOSECONDS, SensorRate, SensorSchedule
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.sensing.imu import ImuMeasurements, measure
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory import RigMotion, Trajectory
+from oaisys_core.trajectory.imu import ImuMeasurements, measure
 from oaisys_core.trajectory.planning import DrivePlan, plan_drive
 from oaisys_core.types import (
     ODOMETRY,
     FloatArray,
     ModuleMetadata,
+    ProgressCallback,
     Sample,
     ShortRepr,
     ignore_progress,

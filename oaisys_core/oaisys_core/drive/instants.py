@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.drive.drive import Drive, odometry_at
 from oaisys_core.drive.schedule import NANOSECONDS
 from oaisys_core.geometry import xyz
-from oaisys_core.sensing.imu import ImuMeasurements
+from oaisys_core.trajectory.imu import ImuMeasurements
 from oaisys_core.types import (
     ODOMETRY,
     DriveInstant,
     FloatArray,
     ImuReading,
     Pose,
+    ProgressCallback,
     ignore_progress,
 )
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
 from oaisys_core.drive.drive import Drive
 from oaisys_core.drive.instants import DriveTimes
@@ -22,7 +21,14 @@ from oaisys_core.drive.outputs import (
 )
 from oaisys_core.output.writer import config_text
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DriveInstant, FloatArray, HeightGrid, Pose, ignore_progress
+from oaisys_core.types import (
+    DriveInstant,
+    FloatArray,
+    HeightGrid,
+    Pose,
+    ProgressCallback,
+    ignore_progress,
+)
 
 PICTURES = 6
 """Times at which the report shows what a camera saw."""

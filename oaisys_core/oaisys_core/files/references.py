@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
-from oaisys_core.config.paths import asset_root_folders
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.path_fields import asset_root_folders
 
 
 def folders_of(file: Path) -> tuple[Path, ...]:

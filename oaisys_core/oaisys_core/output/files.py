@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from oaisys_core.errors import RenderError
-from oaisys_core.leftovers import removed_when_killed
+from oaisys_core.system.leftovers import removed_when_killed
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import numpy as np
 from oaisys_core.errors import InvalidInputError, quoted
 from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.output.files import write_text
-from oaisys_core.trajectory import RigMotion
+from oaisys_core.scene.rig_motion import RigMotion
 from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sample
 
 MOST_RECORD_BYTES = 64_000_000

@@ -20,8 +20,8 @@ from oaisys_core.config.sections.drive import (
 )
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_csv
-from oaisys_core.modules.clearance import HeightLookup
 from oaisys_core.output.poses import MOST_POSES
+from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.files import read_trajectory
 from oaisys_core.trajectory.rover import Obstacle, plan_rover_drive

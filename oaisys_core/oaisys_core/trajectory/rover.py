@@ -9,7 +9,7 @@ import scipy
 
 from oaisys_core.config.sections.drive import RoverConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.modules.clearance import HeightLookup
+from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.speed_profile import before_and_after, distances_over_time
 from oaisys_core.trajectory.trajectory import Trajectory
 from oaisys_core.trajectory.waypoint_curve import WaypointCurve

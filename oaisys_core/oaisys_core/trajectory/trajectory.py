@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.trajectory.rig_motion import TIME_TOLERANCE_S, RigMotion
+from oaisys_core.scene.rig_motion import TIME_TOLERANCE_S, RigMotion
 from oaisys_core.types import FloatArray, Pose
 
 if TYPE_CHECKING:

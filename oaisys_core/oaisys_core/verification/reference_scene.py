@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import Scene, TerrainMaterial, id_of_level
-from oaisys_core.terrain.surroundings.land_masks import LandMasks
+from oaisys_core.scene.surroundings import LandMasks
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_core.verification.numpy_caster import NO_TRIANGLE, NumpyCaster
 from oaisys_core.verification.triangle_groups import TriangleGroups

@@ -13,10 +13,10 @@ from pydantic import BaseModel
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json
-from oaisys_core.module import World
 from oaisys_core.output.records import previous_rig_poses
 from oaisys_core.scene import PlacedCamera, PlacedLidar
 from oaisys_core.types import ModuleMetadata, Pose, SampleOutline
+from oaisys_core.world.module import World
 
 MAX_METADATA_BYTES = 1 << 20
 """Largest size of the metadata in force, which is stored with every sample."""

@@ -7,9 +7,8 @@ from math import ceil, isfinite
 
 import numpy as np
 
-from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress
+from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress, ProgressCallback
 
 MOST_CELLS = 4096 * 4096
 """Largest number of cells of a grid: 128 MiB of heights."""

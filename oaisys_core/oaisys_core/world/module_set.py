@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from oaisys_core import randomness
-from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
-from oaisys_core.environment.low_sun import lowest_sun_rad
 from oaisys_core.errors import InvalidInputError, did_you_mean
-from oaisys_core.extension_modules import ExtensionModule, make_modules
-from oaisys_core.module import Module
-from oaisys_core.modules import (
+from oaisys_core.procedural.environment.low_sun import lowest_sun_rad
+from oaisys_core.types import OWN_PARTS, ModuleMetadata, Progress, ProgressCallback
+from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
+from oaisys_core.world.extension_modules import ExtensionModule, make_modules
+from oaisys_core.world.module import Module
+from oaisys_core.world.modules import (
     AssetsModule,
     EnvironmentModule,
     MaterialsModule,
@@ -21,8 +22,6 @@ from oaisys_core.modules import (
     SensorsModule,
     StageModule,
 )
-from oaisys_core.types import OWN_PARTS, ModuleMetadata, Progress
-from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
 from oaisys_core.world.reuse import STAGE_MODULES, same_stage
 
 DRAW_SHARE = 0.5

@@ -11,10 +11,10 @@ from typing import Any
 from oaisys_core.config.section import Section
 from oaisys_core.config.sections.stage import ReuseConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.module import require
-from oaisys_core.modules.stage import StageModule
 from oaisys_core.types import ModuleMetadata, merged
 from oaisys_core.world.batch import Batch, BatchSeeds
+from oaisys_core.world.module import require
+from oaisys_core.world.modules.stage import StageModule
 from oaisys_core.world.stage_store import StageRecord
 
 STAGE_MODULES = ("stage", "materials")

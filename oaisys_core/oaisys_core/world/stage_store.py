@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError, quoted
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import parse_json
-from oaisys_core.leftovers import removed_when_killed
+from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.scene import Ground, HeightField
-from oaisys_core.terrain.mesh_ground import MeshGround
+from oaisys_core.system.leftovers import removed_when_killed
 
 FORMAT = 1
 

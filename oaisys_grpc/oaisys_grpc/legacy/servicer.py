@@ -14,9 +14,9 @@ from typing import Any
 
 import grpc
 
-from oaisys_core.config.importing.frames import rig_pose
 from oaisys_core.config.sections.sensors import PosePolicy
 from oaisys_core.errors import InvalidInputError, OaisysError, QueueFullError
+from oaisys_core.importing.frames import rig_pose
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.errors import forget_frames, printable
 from oaisys_grpc.contract.metadata import metadata_to_proto

@@ -18,11 +18,11 @@ from weakref import WeakSet
 
 import numpy as np
 
-from oaisys_core.backend.base import FrameGroup
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import CancelledError, NotReadyError
-from oaisys_core.sensing.view_renderer import SampleSteps
+from oaisys_core.files.path_fields import AssetRoots, confined
+from oaisys_core.render.base import FrameGroup
+from oaisys_core.render.view_renderer import SampleSteps
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Progress, Sample, SampleOutline
 from oaisys_grpc.contract.arrays import AnyArray

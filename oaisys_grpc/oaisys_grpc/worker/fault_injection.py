@@ -19,8 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
-from oaisys_core.backend.base import ProgressCallback
-from oaisys_core.types import Progress
+from oaisys_core.types import Progress, ProgressCallback
 
 CRASH_TEXT = b"crash, please"
 

@@ -22,11 +22,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.config.paths import confined
 from oaisys_core.errors import OaisysError, RenderError
-from oaisys_core.interruption import interruptible
-from oaisys_core.shortages import shortage
+from oaisys_core.files.path_fields import confined
 from oaisys_core.simulation import Simulation
+from oaisys_core.system.interruption import interruptible
+from oaisys_core.system.shortages import shortage
 from oaisys_core.types import SimulatorInfo
 from oaisys_grpc.contract.faults import fault_from_error
 from oaisys_grpc.contract.world_messages import info_to_proto

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import FloatArray
 from oaisys_mapping.odometry.programs import ProgramError, run_program
 from oaisys_mapping.odometry.trajectories import TimedTransforms

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.python_programs import python_environment
+from oaisys_core.system.python_programs import python_environment
 
 TIMEOUT_S = 1800.0
 """For one program; KISS-ICP takes a tenth of that for 200 s of lidar."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_ros_bridge.experiments.configuration import (
     ConfiguredSensors,

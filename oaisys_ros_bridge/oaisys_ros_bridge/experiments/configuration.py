@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
-from oaisys_core.python_programs import python_command, python_environment
+from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_core.types import DEPTH, is_rendered
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 

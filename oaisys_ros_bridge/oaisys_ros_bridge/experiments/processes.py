@@ -15,8 +15,8 @@ from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
-from oaisys_core.private_files import open_private
-from oaisys_core.python_programs import python_environment
+from oaisys_core.system.private_files import open_private
+from oaisys_core.system.python_programs import python_environment
 from oaisys_ros_bridge.experiments.interruption import deferred_interruption
 
 _LOG = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ import pytest
 from small_datasets import SMALL, render_dataset
 from waiting import PATIENCE_S, SHUTDOWN_S, START_PATIENCE_S, wait_until, within
 
-from oaisys_core.leftovers import Leftovers
+from oaisys_core.system.leftovers import Leftovers
 
 MARK = "OAISYS_TEST_SIGNALS"
 ENDINGS = (signal.SIGINT, signal.SIGTERM)

@@ -14,8 +14,8 @@ from oaisys_core.config import (
 )
 from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import unproject
-from oaisys_core.modules import SensorsModule
 from oaisys_core.types import PinholeIntrinsics
+from oaisys_core.world.modules import SensorsModule
 
 
 def write(folder: Path, text: str) -> Path:

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from oaisys_core.cli.main import app, main
 from oaisys_core.cli.metadata_file import load_steps
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.checking import name_faults
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.simulation import Simulation
+from oaisys_core.world.config_files import name_faults
 
 CONFIG = REPOSITORY / "config"
 

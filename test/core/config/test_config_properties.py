@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from repository import HELPERS
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.module import Metadata, Module, World
 from oaisys_core.simulation import Simulation
+from oaisys_core.world.module import Metadata, Module, World
 
 Json = dict[str, Any]
 BOUNDED = settings(

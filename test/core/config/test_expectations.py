@@ -15,11 +15,11 @@ from repository import REPOSITORY
 
 from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, load_config
 from oaisys_core.config.expectations import WORDS
-from oaisys_core.config.paths import BASE
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.module import overridden
-from oaisys_core.modules import SensorsModule
-from oaisys_core.modules.assets.metadata import asset_metadata
+from oaisys_core.files.path_fields import BASE
+from oaisys_core.world.module import overridden
+from oaisys_core.world.modules import SensorsModule
+from oaisys_core.world.modules.assets.metadata import asset_metadata
 
 CONFIG = REPOSITORY / "config"
 FILES = [CONFIG / "simulator.yaml", *sorted(CONFIG.glob("examples/*.yaml"))]

@@ -21,7 +21,6 @@ from rasterio.io import MemoryFile
 
 from oaisys_core.config.sections.density import ImageDensity
 from oaisys_core.config.sections.environment import HdriImageConfig, SkyLabelsConfig
-from oaisys_core.environment.hdri import SkyImages, read_radiance
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import DocumentError
@@ -37,10 +36,11 @@ from oaisys_core.files.images import (
 )
 from oaisys_core.output import exr
 from oaisys_core.output.images import decode_image
-from oaisys_core.scatter.density import _image as density_image
-from oaisys_core.terrain.dem import import_dem
-from oaisys_core.textures.folder import load_texture_folder
-from oaisys_core.textures.label_image import load_label_image
+from oaisys_core.procedural.environment.hdri import SkyImages, read_radiance
+from oaisys_core.procedural.scatter.density import _image as density_image
+from oaisys_core.procedural.terrain.dem import import_dem
+from oaisys_core.procedural.textures.folder import load_texture_folder
+from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.world.stage_store import load_stage
 
 SIDE = 60_000

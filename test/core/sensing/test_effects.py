@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from synthetic_worlds import CENTRED, SKEWED, camera, flat_world, settings
 
-from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.color import linear
 from oaisys_core.geometry import pose_looking_down
+from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.sensing.effects import NO_EFFECTS, Bloom, Effects, SensorNoise, with_effects
 from oaisys_core.types import DEPTH, RGB
 

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
 from oaisys_core.config import config_from_mapping
+from oaisys_core.procedural.terrain.presets import PRESETS
 from oaisys_core.simulation import Simulation
-from oaisys_core.terrain.presets import PRESETS
 from oaisys_core.types import ModuleMetadata, Pose, Sample
 from oaisys_core.verification.audit import (
     WINDOW_PX,

@@ -31,8 +31,8 @@ from oaisys_core.config.sections.render import (
 )
 from oaisys_core.config.sections.sensors import DistortionConfig, LensConfig, OpticsConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.modules.assets.metadata import AssetMetadata, GroupEdit, ObjectEdit
 from oaisys_core.types import ModuleMetadata
+from oaisys_core.world.modules.assets.metadata import AssetMetadata, GroupEdit, ObjectEdit
 from oaisys_grpc.contract.metadata import metadata_from_proto, metadata_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc

@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server
 from waiting import PATIENCE_S, wait_until
 
-from oaisys_core.config.importing.frames import mount
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
+from oaisys_core.importing.frames import mount
 from oaisys_grpc.client.simulator_client import SimulatorClient
 
 StartServer = Callable[..., Server]

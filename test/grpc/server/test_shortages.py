@@ -16,7 +16,7 @@ from served_simulator import FLAT_WORLD, Server
 from waiting import PATIENCE_S
 
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.shortages import shortage
+from oaisys_core.system.shortages import shortage
 
 NADIR = pose_looking_down(1, 2, 7)
 CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.socket_paths import MOST_PATH_BYTES
+from oaisys_core.system.socket_paths import MOST_PATH_BYTES
 from oaisys_grpc.addresses import check_address
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from synthetic_worlds import settings
 
-from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.render.blender import BlenderBackend
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import ALBEDO, RGB
 

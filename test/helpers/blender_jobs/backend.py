@@ -14,10 +14,10 @@ from cycles import CyclesRender
 from numpy.typing import NDArray
 from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings, with_separate_rocks
 
-from oaisys_core.backend.blender import BlenderBackend, cycles
-from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_down
+from oaisys_core.render.blender import BlenderBackend, cycles
+from oaisys_core.render.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.scene import PlacedCamera, Primitive, Scene
 from oaisys_core.types import RGB, FloatArray, Frame, PinholeIntrinsics, Progress, TriangleMesh
 

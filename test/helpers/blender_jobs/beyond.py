@@ -13,9 +13,9 @@ from blender_jobs.backend import _record_passes
 from blender_jobs.examples import small
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender import cycles
-from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.config import SimulationConfig, load_config
+from oaisys_core.render.blender import cycles
+from oaisys_core.render.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose
 

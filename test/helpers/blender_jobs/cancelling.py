@@ -8,7 +8,7 @@ from threading import Event, Thread
 # Comes before anything that loads Open3D.
 import bpy  # noqa: F401
 
-from oaisys_core.backend.blender import cycles_session
+from oaisys_core.render.blender import cycles_session
 
 
 def calls_to_end(lost: int, patience_s: float) -> list[int | None] | None:

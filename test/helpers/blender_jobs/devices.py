@@ -7,8 +7,8 @@ from typing import Any
 
 from synthetic_worlds import camera, rocky_world, settings
 
-from oaisys_core.backend.blender import BlenderBackend
 from oaisys_core.geometry import pose_looking_at
+from oaisys_core.render.blender import BlenderBackend
 from oaisys_core.types import RGB, PinholeIntrinsics
 
 SAMPLES, DENOISED_SAMPLES = 64, 4

@@ -15,9 +15,9 @@ from blender_jobs.backend import ignore
 from numpy.typing import NDArray
 from synthetic_worlds import camera, flat_world, settings
 
-from oaisys_core.backend.blender import BlenderBackend
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import pose_looking_down
+from oaisys_core.render.blender import BlenderBackend
 from oaisys_core.types import ALBEDO, DEPTH, RGB
 
 NODES = 120

@@ -9,9 +9,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from oaisys_core.backend.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.render.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 

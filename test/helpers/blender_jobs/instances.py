@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.backend.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
 import bpy  # noqa: F401
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.embree import EmbreeInstanceTarget, blenders_embree
-from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.backend.raycast.triangles import RayTarget, TriangleTarget
+from oaisys_core.raycast.embree import EmbreeInstanceTarget, blenders_embree
+from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
+from oaisys_core.raycast.triangles import RayTarget, TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh
 
 Rays = tuple[FloatArray, FloatArray, FloatArray | None]

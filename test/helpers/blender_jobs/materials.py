@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 from synthetic_worlds import settings
 
-from oaisys_core.backend.blender import BlenderBackend, postprocessing
-from oaisys_core.backend.blender.cycles import Cycles
+from oaisys_core.render.blender import BlenderBackend, postprocessing
+from oaisys_core.render.blender.cycles import Cycles
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, Progress
 

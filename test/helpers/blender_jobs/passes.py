@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import settings
 
-from oaisys_core.backend.base import RenderSettings
-from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.render.blender import BlenderBackend
 from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
 
 

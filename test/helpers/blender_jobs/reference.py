@@ -7,9 +7,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.reference import reference_images
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at, pose_looking_down, pose_to_matrix
+from oaisys_core.render.blender.reference import reference_images
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, PinholeIntrinsics, Pose

@@ -9,10 +9,10 @@ from typing import Any
 
 from synthetic_worlds import settings
 
-from oaisys_core.backend.base import Backend
-from oaisys_core.backend.blender import BlenderBackend
-from oaisys_core.backend.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.config import config_from_mapping
+from oaisys_core.render.base import Backend
+from oaisys_core.render.blender import BlenderBackend
+from oaisys_core.render.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.simulation import Simulation

@@ -13,11 +13,11 @@ from typing import Any
 
 import bpy
 
-from oaisys_core.backend.blender.materials.ground import GroundMaterials
-from oaisys_core.backend.blender.materials.haze import set_haze
-from oaisys_core.backend.blender.materials.images import ImageStore
-from oaisys_core.sky import Sky
-from oaisys_core.world.terrain_material import TerrainMaterial
+from oaisys_core.render.blender.materials.ground import GroundMaterials
+from oaisys_core.render.blender.materials.haze import set_haze
+from oaisys_core.render.blender.materials.images import ImageStore
+from oaisys_core.scene.sky import Sky
+from oaisys_core.scene.terrain_material import TerrainMaterial
 
 STACK = 255
 """Numbers on the stack of a shader (SVM_STACK_SIZE in Cycles)."""

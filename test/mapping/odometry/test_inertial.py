@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.config.sections.drive import DroneConfig
 from oaisys_core.config.sections.imu import ImuConfig
-from oaisys_core.sensing.imu import imu_info, measure
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
+from oaisys_core.trajectory.imu import imu_info, measure
 from oaisys_mapping.odometry.inertial import ImuFigures, preintegrated
 from oaisys_mapping.odometry.trajectories import TimedTransforms
 

@@ -10,7 +10,7 @@ import pytest
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.modules import SensorsModule
+from oaisys_core.world.modules import SensorsModule
 from oaisys_ros_bridge.experiments.configuration import configured_sensors
 from oaisys_ros_bridge.experiments.progress import STARTED_VARIABLE, seconds_since_start
 

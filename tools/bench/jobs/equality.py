@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.reference import reference_images
-from oaisys_core.backend.geometry_pass import PoseMemory, geometry_frames
-from oaisys_core.backend.surface import Surface, ground_mesh
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
+from oaisys_core.procedural.terrain.presets import PRESETS
+from oaisys_core.raycast.surface import Surface, ground_mesh
+from oaisys_core.render.blender.reference import reference_images
+from oaisys_core.render.geometry_pass import PoseMemory, geometry_frames
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.simulation import Simulation
-from oaisys_core.terrain.presets import PRESETS
 from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, ModuleMetadata, Pose
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings

@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 import yaml
 
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from tools.bench.settings import Settings
 

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-# Must come before anything that loads Open3D, see oaisys_core.backend.raycast.triangles.
-import oaisys_core.backend.blender  # noqa: F401
+# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
+import oaisys_core.render.blender  # noqa: F401
 from oaisys_core.cli.standard_output import own_stdout
 from tools.gallery.look_book.rendering import LookPicture, render_world
 from tools.gallery.look_book.table import table, write_json, write_sheet

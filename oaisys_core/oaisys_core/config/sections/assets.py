@@ -31,7 +31,7 @@ class RockGroupConfig(Labelled):
     Rounded rocks and pebbles prefer places where water runs, others lie near steep ground.
 
     Attributes:
-        kind: Shape, see ``oaisys_core.scatter.rocks``.
+        kind: Shape, see ``oaisys_core.procedural.scatter.rocks``.
         count: (least, most) number of rocks.
         size_m: (smallest, largest) size along the longest axis.
         size_exponent: Exponent of the power law of sizes: the number above size D goes as

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import Positive, Range, Section
+from oaisys_core.files.path_fields import ConfigFile
 
 Share = Annotated[float, Field(ge=0, le=1)]
 NotNegative = Annotated[float, Field(ge=0)]

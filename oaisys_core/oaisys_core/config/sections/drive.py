@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import Positive, Section, Vector3
+from oaisys_core.files.path_fields import ConfigFile
 
 Waypoint = tuple[float, float] | Vector3
 

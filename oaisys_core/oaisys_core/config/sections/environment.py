@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
-from oaisys_core.config.paths import ConfigFile, ConfigFolder
 from oaisys_core.config.section import (
     MAX_LEVELS,
     LabelConfig,
@@ -23,7 +22,8 @@ from oaisys_core.config.section import (
 )
 from oaisys_core.config.sections.lamps import MAX_LAMPS, LampConfig, LampName
 from oaisys_core.config.sections.materials import LabelImageConfig
-from oaisys_core.sky import SkyModel
+from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
+from oaisys_core.scene.sky import SkyModel
 
 Density = Annotated[Range, Within(0.0, 10.0)]
 Turn = Annotated[Range, Within(-720.0, 720.0)]

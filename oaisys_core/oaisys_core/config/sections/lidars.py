@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import MOST_M, Position, Positive, Section, is_unit_quaternion
+from oaisys_core.files.path_fields import ConfigFile
 
 MAX_RAYS = 4_000_000
 """Largest number of rays of a scan."""
@@ -87,8 +87,8 @@ class RotatingScanConfig(Section):
 class RosetteScanConfig(Section):
     """A rosette around the x axis that two rotating wedge prisms draw, as in Livox's Mid-40.
 
-    The formula is in `oaisys_core.sensing.lidar_patterns`. The rosette continues from scan to scan,
-    so that its petals fill the field of view with time.
+    The formula is in `oaisys_core.procedural.lidar_patterns`. The rosette continues from scan to
+    scan, so that its petals fill the field of view with time.
 
     Attributes:
         kind: ``rosette``.

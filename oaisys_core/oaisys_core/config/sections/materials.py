@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from oaisys_core.config.paths import ConfigFile, ConfigFolder
 from oaisys_core.config.section import (
     Labelled,
     Positive,
@@ -20,6 +19,7 @@ from oaisys_core.config.section import (
     Section,
     SemanticId,
 )
+from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
 
 Share = Annotated[float, Field(ge=0, le=1)]
 SlopeDeg = Annotated[float, Field(ge=0, le=90)]

@@ -12,7 +12,6 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import (
     Positive,
     PositiveRange,
@@ -21,6 +20,7 @@ from oaisys_core.config.section import (
     Vector3,
     is_unit_quaternion,
 )
+from oaisys_core.files.path_fields import ConfigFile
 
 MOST_ELEVATION_DEG = 89.9
 """Limit up to which a rig that looks at a target has a defined upright orientation."""

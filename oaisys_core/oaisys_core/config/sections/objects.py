@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import (
     Labelled,
     Metres,
@@ -20,6 +19,7 @@ from oaisys_core.config.section import (
     Section,
     is_unit_quaternion,
 )
+from oaisys_core.files.path_fields import ConfigFile
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 Quaternion = tuple[float, float, float, float]
@@ -37,7 +37,7 @@ class ShapedConfig(Labelled):
     """The appearance of an object: either a built-in shape or a mesh from a file.
 
     Attributes:
-        shape: Built-in shape, see ``oaisys_core.scatter.shapes``.
+        shape: Built-in shape, see ``oaisys_core.procedural.scatter.shapes``.
         file: A .obj, .glb, .gltf, .ply, .stl or .blend file; scripts in it are never run.
         object_name: Name of the object in a file with several; None for all of them.
         up_axis: Axis of the file that points up; None for that of the format.

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import MOST_M, Positive, Section, Vector3
 from oaisys_core.config.sections.water import WaterConfig
+from oaisys_core.files.path_fields import ConfigFile
 
 Body = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=1e3, le=1e9)]
 """A body, or its radius in metres."""
@@ -104,7 +104,7 @@ class StageConfig(Section):
     """The ground.
 
     Attributes:
-        preset: Kind of terrain, see ``oaisys_core.terrain.presets``.
+        preset: Kind of terrain, see ``oaisys_core.procedural.terrain.presets``.
         extent_m: Edge length of the square stage, centred on the map's origin.
         resolution_px: Number of grid points along an edge.
         relief_m: Height difference of the large forms; None for the default of the preset. Of

@@ -10,7 +10,7 @@ from io import TextIOWrapper
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
-from oaisys_core.private_files import PRIVATE_FOLDER, open_private
+from oaisys_core.system.private_files import PRIVATE_FOLDER, open_private
 
 _LOG = logging.getLogger(__name__)
 _FILE_BYTES = 5_000_000

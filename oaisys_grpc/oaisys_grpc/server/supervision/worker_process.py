@@ -25,7 +25,7 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
-from oaisys_core.python_programs import python_command, python_environment
+from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_grpc.server.supervision.crashes import KilledWorkerError, OutgrownWorkerError
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_limits import (

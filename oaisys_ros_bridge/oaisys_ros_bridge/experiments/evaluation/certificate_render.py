@@ -13,7 +13,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.certificate.verification import CheckResult, measure_again

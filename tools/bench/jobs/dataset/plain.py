@@ -7,15 +7,15 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.backend.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
 import bpy  # noqa: F401
 
-from oaisys_core.dataset.manifest import WorldFailure
-from oaisys_core.dataset.shards import encoded_image
-from oaisys_core.dataset.world_render import WorldRenderer
 from oaisys_core.errors import RenderError
-from oaisys_core.textures.cache import LIMIT_VARIABLE
+from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import Sample
+from oaisys_dataset.manifest import WorldFailure
+from oaisys_dataset.shards import encoded_image
+from oaisys_dataset.world_render import WorldRenderer
 from tools.bench.dataset_worlds import VIEWS_AHEAD, dataset_config, dataset_tasks
 from tools.bench.jobs.world import simulation_of
 from tools.bench.machine import memory_mb

@@ -19,20 +19,20 @@ import psutil
 from numpy.typing import NDArray
 
 from oaisys_core.config import SimulationConfig
-from oaisys_core.dataset import engine, open_dataset
-from oaisys_core.dataset.engine import WorldFinished
-from oaisys_core.dataset.manifest import FrameRecord, WorldFailure, WorldLegend, frame_id
-from oaisys_core.dataset.places import open_place
-from oaisys_core.dataset.plan import WorldTask
-from oaisys_core.dataset.ray_session import RaySettings
-from oaisys_core.dataset.rendering import DatasetRendering, dataset_info
-from oaisys_core.dataset.shards import encoded_frame
-from oaisys_core.dataset.workers import ViewCounts, WorldBegun, WorldPart
-from oaisys_core.dataset.world_render import EncodedView
 from oaisys_core.errors import RenderError
 from oaisys_core.output.records import intrinsics_record
-from oaisys_core.textures.cache import LIMIT_VARIABLE
+from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, PinholeIntrinsics
+from oaisys_dataset import engine, open_dataset
+from oaisys_dataset.engine import WorldFinished
+from oaisys_dataset.manifest import FrameRecord, WorldFailure, WorldLegend, frame_id
+from oaisys_dataset.places import open_place
+from oaisys_dataset.plan import WorldTask
+from oaisys_dataset.ray_session import RaySettings
+from oaisys_dataset.rendering import DatasetRendering, dataset_info
+from oaisys_dataset.shards import encoded_frame
+from oaisys_dataset.workers import ViewCounts, WorldBegun, WorldPart
+from oaisys_dataset.world_render import EncodedView
 from tools.bench.dataset_worlds import SPLITS, VIEWS_AHEAD, dataset_config
 from tools.bench.machine import memory_mb, peak_memory_mb
 from tools.bench.settings import Say, Settings

@@ -12,9 +12,9 @@ from oaisys_core.config.sections.drive import GRAVITY_M_S2, DroneConfig, Odometr
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.drive.odometry_drift import OdometryDrift
 from oaisys_core.geometry import distances_along_m
-from oaisys_core.sensing.imu import imu_info, measure
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
+from oaisys_core.trajectory.imu import imu_info, measure
 from oaisys_mapping.odometry.inertial import ImuFigures, preintegrated
 from oaisys_mapping.odometry.trajectories import TimedTransforms
 from tools.bench.settings import Say, Settings

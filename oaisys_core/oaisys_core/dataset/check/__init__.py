@@ -1,6 +1,0 @@
-"""The check of a data set: its files, its records, and the images against the worlds themselves."""
-
-from oaisys_core.dataset.check.checker import check_dataset
-from oaisys_core.dataset.check.report import CheckReport, Finding
-
-__all__ = ["CheckReport", "Finding", "check_dataset"]

@@ -1,0 +1,1 @@
+"""From a generator and numbers to arrays: grounds, textures, objects, light."""

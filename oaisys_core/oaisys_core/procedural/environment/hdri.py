@@ -1,0 +1,162 @@
+"""Sky images (HDRIs) and their label maps, read from files."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.files.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
+from oaisys_core.output.exr import read_channels
+from oaisys_core.scene import id_of_level
+from oaisys_core.scene.sky import SkyImage
+
+SUFFIXES = (".exr", ".hdr")
+
+KEPT = 4
+"""Number of images that stay loaded; one of 8192 x 4096 pixels takes 0.4 GB."""
+
+MOST_KEPT = 2_000_000_000
+"""Bytes of those that stay loaded besides the last."""
+
+BRIGHTEST = 65504.0
+"""Largest half float; it replaces infinite radiance."""
+
+
+class SkyImages:
+    """Loads sky images and caches the last few, so that an image used again is the same object."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[str, tuple[int, ...]], SkyImage] = OrderedDict()
+
+    def load(self, config: HdriImageConfig, other_ids: tuple[int, ...]) -> SkyImage:
+        """Return an image with its labels.
+
+        Args:
+            config: The files of the image.
+            other_ids: Ids by level of directions that the label maps leave out.
+
+        Raises:
+            InvalidInputError: A file cannot be read or is not equirectangular.
+        """
+        key = (config.model_dump_json(include={"file", "labels_from"}), other_ids)
+        if key not in self._kept:
+            maps = _label_maps(config.labels_from, other_ids)
+            radiance = read_radiance(config.file)
+            self._kept[key] = SkyImage(config.file.stem, radiance, tuple(sorted(maps.items())))
+        self._kept.move_to_end(key)
+        while len(self._kept) > KEPT or (self._kept_bytes() > MOST_KEPT and len(self._kept) > 1):
+            self._kept.popitem(last=False)
+        return self._kept[key]
+
+    def _kept_bytes(self) -> int:
+        return sum(image.radiance.nbytes for image in self._kept.values())
+
+
+def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
+    """Return the images to choose from; those of the folder come last.
+
+    Raises:
+        InvalidInputError: The folder has no image, or there is none named as in ``use``.
+    """
+    found = [] if config.folder is None else _files_in(config.folder)
+    images = (*config.images, *(HdriImageConfig(file=file) for file in found))
+    if config.use is not None and config.use not in [image.file.stem for image in images]:
+        expected = one_of((image.file.stem for image in images), config.use)
+        raise InvalidInputError("environment.hdri.use", config.use, expected)
+    return images
+
+
+def read_radiance(file: Path) -> NDArray[np.float32]:
+    """Return the (H, 2H, 3) linear pixels of an ``.hdr`` or ``.exr`` image, top row first.
+
+    Raises:
+        InvalidInputError: It cannot be read, or is not twice as wide as it is high.
+    """
+    if file.suffix.lower() not in SUFFIXES:
+        raise InvalidInputError("environment.hdri", str(file), f"a file {' or '.join(SUFFIXES)}")
+    pixels = _read_exr(file) if file.suffix.lower() == ".exr" else _read_hdr(file)
+    _check_layout(file, pixels)
+    radiance = np.ascontiguousarray(pixels, dtype=np.float32)
+    # Some published images contain a few invalid pixels. In place: a copy may take 1.6 GB.
+    np.nan_to_num(radiance, copy=False, nan=0.0, posinf=BRIGHTEST, neginf=0.0)
+    return np.maximum(radiance, 0.0, out=radiance)
+
+
+def _read_hdr(file: Path) -> NDArray[Any]:
+    return np.asarray(read_radiance_file(file, SKY)[..., ::-1])
+
+
+def _read_exr(file: Path) -> NDArray[Any]:
+    channels = read_channels(file, SKY)
+    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+    if not set(names) <= set(channels):
+        expected = f"channels R, G and B, or Y, not {', '.join(sorted(channels))}"
+        raise InvalidInputError("environment.hdri", str(file), expected)
+    return np.stack([channels[name] for name in names], axis=-1)
+
+
+def _label_maps(
+    sources: tuple[SkyLabelsConfig, ...], other_ids: tuple[int, ...]
+) -> dict[int, NDArray[np.uint16]]:
+    maps: dict[int, NDArray[np.uint16]] = {}
+    for source in sources:
+        values = _values(source.image)
+        wanted = {_number(value): each.semantic_ids for value, each in source.mapping.items()}
+        reach = max(len(ids) for ids in wanted.values())
+        for step in range(reach):
+            level = source.level + step
+            start = maps.get(level)
+            if start is None or start.shape != values.shape:
+                start = np.full(values.shape, id_of_level(other_ids, level), np.uint16)
+            maps[level] = _labelled(values, wanted, step, start)
+    return maps
+
+
+def _labelled(
+    values: NDArray[np.int64],
+    wanted: Mapping[int, tuple[int, ...]],
+    step: int,
+    start: NDArray[np.uint16],
+) -> NDArray[np.uint16]:
+    result = start.copy()
+    for value, ids in wanted.items():
+        if step < len(ids):
+            result[values == value] = ids[step]
+    return result
+
+
+def _values(file: Path) -> NDArray[np.int64]:
+    """Return (H, W) pixel values as numbers: grey values, or -1 - 0xrrggbb for colours."""
+    image = read_pixels(file, SKY_LABELS)
+    _check_layout(file, image)
+    pixels = image.astype(np.int64)
+    if pixels.ndim == 2:
+        return np.asarray(pixels)
+    return np.asarray(-1 - (pixels[..., 2] * 65536 + pixels[..., 1] * 256 + pixels[..., 0]))
+
+
+def _number(value: str) -> int:
+    return -1 - int(value[1:], 16) if value.startswith("#") else int(value)
+
+
+def _check_layout(file: Path, image: NDArray[Any]) -> None:
+    rows, cols = image.shape[:2]
+    if cols != 2 * rows:
+        expected = f"an equirectangular image, twice as wide as it is high, not {cols} x {rows}"
+        raise InvalidInputError("environment.hdri", str(file), expected)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    found = [file for file in files if file.suffix.lower() in SUFFIXES]
+    if not found:
+        expected = f"an existing folder with files {' or '.join(SUFFIXES)}"
+        raise InvalidInputError("environment.hdri.folder", str(folder), expected)
+    return found

@@ -1,0 +1,221 @@
+"""Random poses on the ground: spaced apart, not too steep, and sunk in so that nothing floats."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from oaisys_core.procedural.scatter.spacing import Spacing, first_come, pairs_too_near
+from oaisys_core.procedural.terrain.noise import Field, spectral
+from oaisys_core.scene import Ground
+from oaisys_core.types import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+ROUNDS = 16
+"""Rounds of drawing positions before fewer objects are accepted."""
+
+SPARE = 3
+"""Places drawn for each that is missing, if some are preferred."""
+
+MOST_BURIED = 0.8
+"""Largest share of an object's height below the ground, so that every object is visible."""
+
+TILT_SIZE_M, TILT_FACTORS = 0.5, (0.5, 1.6)
+"""Size at which things tilt as much as they may, and least and largest factor of other sizes: large
+ones come to rest on a wide side, small ones anyhow."""
+
+ALIGNED_SLOPE, ALIGNED = (0.1, 0.55), 0.3
+"""Slopes from which things begin to lie along the slope, and from which their bearings spread by
+this share of a half turn only: what slides turns its long side downhill."""
+
+PATCH_M = 6.0
+PATCHES_PX = 128
+"""Width of the patches of higher density, and size of the map of patches."""
+
+
+def power_law_sizes(
+    count: int, size_range_m: tuple[float, float], exponent: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (count,) sizes from a power law: the number above size D goes as D**-exponent.
+
+    They are drawn by inverse transform from a truncated Pareto distribution, as commonly used for
+    rock abundance on Mars and the Moon (Golombek and Rapp, JGR 102(E2), 1997).
+    """
+    low, high = size_range_m
+    u = rng.uniform(size=count)
+    tail = (low / high) ** exponent
+    return np.asarray(low * (1 - u * (1 - tail)) ** (-1 / exponent))
+
+
+def scatter_on(
+    ground: Ground,
+    count: int,
+    size_range_m: tuple[float, float],
+    rng: np.random.Generator,
+    *,
+    size_exponent: float = 1.8,
+    min_spacing: float = 0.5,
+    sink: tuple[float, float] = (0.15, 0.4),
+    max_slope_deg: float = 40.0,
+    max_tilt_deg: float = 18.0,
+    clumping: float = 0.7,
+    height_share: float = 0.6,
+    preference: Callable[[FloatArray], FloatArray] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the poses of up to ``count`` objects on the ground.
+
+    Args:
+        ground: The ground.
+        count: Wanted number; fewer are returned if there is no room.
+        size_range_m: Smallest and largest size along the longest axis.
+        rng: Draws positions, sizes and orientations.
+        size_exponent: Exponent of the power law of sizes.
+        min_spacing: Least distance between two objects, in units of their mean size.
+        sink: Range of the share of an object's height below the ground; more if the ground is
+            hollow or the object leans.
+        max_slope_deg: Steepest ground that is used.
+        max_tilt_deg: Largest tilt away from the ground's normal, about either axis, at
+            `TILT_SIZE_M`.
+        clumping: 0 for an even spread; with 1 some patches are almost empty.
+        height_share: Height of the objects relative to their longest axis.
+        preference: Density at (N, 2) points, 0 to 1; None is 1 everywhere.
+
+    Returns:
+        (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
+        first.
+    """
+    sizes_m = np.sort(power_law_sizes(count, size_range_m, size_exponent, rng))[::-1]
+    density = np.clip(0.5 + 0.5 * clumping * _patches(ground, rng), 0.05, 1)
+    xy = np.zeros((0, 2))
+    for _ in range(ROUNDS):
+        missing = count - len(xy)
+        if missing == 0:
+            break
+        number = missing if preference is None else SPARE * missing
+        drawn = random_places(ground, number, sizes_m[0], rng)
+        likely = _nearest(density, ground, drawn)
+        if preference is not None:
+            likely = likely * preference(drawn)
+        drawn = drawn[rng.uniform(size=number) < likely]
+        drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg][:missing]
+        xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
+    sizes_m = sizes_m[: len(xy)]
+    return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
+
+
+def _patches(ground: Ground, rng: np.random.Generator) -> Field:
+    """Return noise over the ground with features about `PATCH_M` wide."""
+    x0, _, x1, _ = ground.extent_m
+    return spectral(PATCHES_PX, max((x1 - x0) / (2 * PATCH_M), 1.0), rng, rough=2.0)
+
+
+def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
+    """Return (N,) nearest values of a square field over the ground at (N, 2) points."""
+    x0, y0, x1, y1 = ground.extent_m
+    share = (xy - (x0, y0)) / (x1 - x0, y1 - y0)
+    column, row = np.minimum((share * len(field)).astype(np.intp), len(field) - 1).T
+    return np.asarray(field[row, column])
+
+
+def random_places(
+    ground: Ground, count: int, margin_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (count, 2) positions on the ground, ``margin_m`` from its rim if there is room."""
+    x0, y0, x1, y1 = ground.extent_m
+    margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
+    low = (x0 + margin_m, y0 + margin_m)
+    high = (x1 - margin_m, y1 - margin_m)
+    return np.asarray(rng.uniform(low, high, (count, 2)))
+
+
+def slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
+    """Return (N,) slopes of the ground at (N, 2) points; 90 at its rim."""
+    step_m = ground.spacing_m
+    east, north = np.array((step_m, 0.0)), np.array((0.0, step_m))
+    rise = [ground.height_at(xy + way) - ground.height_at(xy - way) for way in (east, north)]
+    slope = np.degrees(np.arctan(np.hypot(*rise) / (2 * step_m)))
+    return np.asarray(np.nan_to_num(slope, nan=90.0))
+
+
+def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
+    """Return the positions without those too close to an earlier one."""
+    pairs = pairs_too_near(xy, sizes_m[: len(xy)], Spacing(min_spacing))
+    return np.asarray(xy[first_come(len(xy), pairs)])
+
+
+def _poses(
+    ground: Ground,
+    xy: FloatArray,
+    sizes_m: FloatArray,
+    rng: np.random.Generator,
+    sink: tuple[float, float],
+    max_tilt_deg: float,
+    height_share: float,
+) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    count = len(xy)
+    yaw_rad = rng.uniform(-np.pi, np.pi, count)
+    factor = np.clip(np.sqrt(TILT_SIZE_M / np.maximum(sizes_m, 1e-6)), *TILT_FACTORS)
+    tilt_rad = np.radians(max_tilt_deg) * factor[:, None] * rng.uniform(-1, 1, (count, 2))
+    # Leaning lifts one side of the foot, so sink it deeper.
+    depth_m = sizes_m * (
+        height_share * rng.uniform(*sink, count) + 0.3 * np.linalg.norm(tilt_rad, axis=1)
+    )
+    T_map_object = np.tile(np.eye(4), (count, 1, 1))
+    if count:
+        slope, hollow_m = bedding(ground, xy, sizes_m / 2)
+        yaw_rad = _along_slope(yaw_rad, slope)
+        rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+        rotation = leaning(slope) * rotation
+        T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
+        T_map_object[:, :2, 3] = xy
+        depth_m = np.minimum(depth_m + hollow_m, MOST_BURIED * height_share * sizes_m)
+        T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
+    return T_map_object
+
+
+def _along_slope(yaw_rad: FloatArray, slope: FloatArray) -> FloatArray:
+    """Return (N,) random bearings, those on steep ground closer to the direction of the slope."""
+    low, high = ALIGNED_SLOPE
+    steep = np.clip((np.linalg.norm(slope, axis=1) - low) / (high - low), 0, 1)
+    downhill_rad = np.arctan2(-slope[:, 1], -slope[:, 0])
+    return np.asarray(yaw_rad * (1 - (1 - ALIGNED) * steep) + downhill_rad * steep)
+
+
+def bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the plane that each object lies on.
+
+    Returns:
+        (N, 2) slope of the ground along x and y over a circle of each radius, and (N,) depth of
+        the ground's deepest point on the circle below a plane of that slope through its centre.
+    """
+    angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    way = np.column_stack((np.cos(angles), np.sin(angles)))
+    around = xy[:, None] + radius_m[:, None, None] * way
+    centre_m = ground.height_at(xy)
+    rise_m = ground.height_at(around.reshape(-1, 2)).reshape(len(xy), -1) - centre_m[:, None]
+    rise_m = np.nan_to_num(rise_m)
+    # Least squares over evenly spaced directions reduces to means, as in a Fourier series.
+    slope = 2 * (rise_m @ way) / (len(way) * radius_m[:, None])
+    hollow_m = -(rise_m - (slope @ way.T) * radius_m[:, None]).min(axis=1)
+    return slope, np.maximum(hollow_m, 0)
+
+
+def leaning(slope: FloatArray, share: float = 1.0) -> Rotation:
+    """Return (N,) rotations that tilt the z axis by a share of the angle to the ground's normal.
+
+    Args:
+        slope: (N, 2) slopes of the ground along x and y.
+        share: With 1 the z axis becomes the normal, by the shortest rotation.
+    """
+    from scipy.spatial.transform import Rotation
+
+    steepness = np.linalg.norm(slope, axis=1)
+    axis = np.column_stack((slope[:, 1], -slope[:, 0], np.zeros(len(slope))))
+    angle_rad = share * np.arctan(steepness)
+    return Rotation.from_rotvec(axis * (angle_rad / np.maximum(steepness, 1e-12))[:, None])

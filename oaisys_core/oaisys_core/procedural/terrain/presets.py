@@ -1,0 +1,96 @@
+"""Terrain presets by name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oaisys_core import extensions
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.procedural.terrain.landform import (
+    Elevation,
+    GroundSpec,
+    Preset,
+    grounded,
+    scaled,
+    unevenness,
+)
+from oaisys_core.procedural.terrain.mountains import (
+    another_noise,
+    large_terrain,
+    mountain_1,
+    mountain_2,
+)
+from oaisys_core.procedural.terrain.noise import fractal, grid, warped
+from oaisys_core.procedural.terrain.sculpted import canyon, craters, dunes, mesa
+from oaisys_core.scene import HeightField
+
+
+def make_ground(
+    preset: str,
+    extent_m: float,
+    resolution_px: int,
+    rng: np.random.Generator,
+    roughness: float = 1.0,
+    relief_m: float | None = None,
+) -> HeightField:
+    """Return a square ground centred on the origin.
+
+    Args:
+        preset: A name in `PRESETS`.
+        extent_m: Edge length.
+        resolution_px: Grid points along an edge.
+        rng: Draws its shape.
+        roughness: Factor on the fine unevenness.
+        relief_m: Height difference of the large forms; None for the default of the preset.
+
+    Raises:
+        InvalidInputError: There is no preset of that name.
+    """
+    check_preset(preset)
+    spec = GroundSpec(extent_m, resolution_px, roughness, relief_m)
+    maker = PRESETS.get(preset) or extensions.load(extensions.STAGES, preset)
+    elevation_m = np.asarray(maker(spec, rng), np.float32)
+    if elevation_m.shape != (resolution_px, resolution_px) or not np.isfinite(elevation_m).all():
+        expected = f"({resolution_px}, {resolution_px}) finite heights of the stage {preset!r}"
+        raise InvalidInputError("stage.preset", elevation_m.shape, expected)
+    spacing_m = extent_m / (resolution_px - 1)
+    return HeightField(elevation_m, (-extent_m / 2, -extent_m / 2), spacing_m)
+
+
+def check_preset(preset: str) -> None:
+    """Raise if a preset is neither built in nor installed.
+
+    Raises:
+        InvalidInputError: There is no preset of that name.
+    """
+    if preset not in PRESETS and not extensions.is_installed(extensions.STAGES, preset, PRESETS):
+        known = PRESETS.keys() | extensions.names(extensions.STAGES)
+        raise InvalidInputError("stage.preset", preset, one_of(known, preset))
+
+
+def plane(spec: GroundSpec, _rng: np.random.Generator) -> Elevation:
+    """Exactly flat, at z = 0."""
+    return np.zeros((spec.resolution_px, spec.resolution_px), np.float32)
+
+
+def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
+    """Rolling ground: mounds and hollows some metres wide, with lumps and ruts."""
+    x, y = grid(spec.extent_m, spec.resolution_px, cell=22.0)
+    x, y = warped(x, y, rng, strength=0.35)
+    rolling = fractal(x, y, rng, octaves=3, gain=0.45)
+    large = scaled(rolling, 4.5 if spec.relief_m is None else spec.relief_m)
+    return grounded(large + spec.roughness * unevenness(spec, rng))
+
+
+PRESETS: dict[str, Preset] = {
+    "another_noise": another_noise,
+    "canyon": canyon,
+    "craters": craters,
+    "dunes": dunes,
+    "large_terrain": large_terrain,
+    "mesa": mesa,
+    "mounds": mounds,
+    "mountain_1": mountain_1,
+    "mountain_2": mountain_2,
+    "plane": plane,
+}

@@ -1,0 +1,91 @@
+"""Relief of the land that is finer than its mesh: heights that light sees, but not depth.
+
+The land's triangles are as large as a few dozen pixels of a camera on the stage. The relief below
+that is laid over them as a bump map: one pattern in several sizes, each with the land's spectrum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from oaisys_core import randomness
+from oaisys_core.procedural.terrain.noise import Field, filtered
+from oaisys_core.procedural.terrain.surroundings.rings import SPACING_SHARE
+from oaisys_core.procedural.terrain.surroundings.spectrum import Octave
+from oaisys_core.scene.surroundings import ReliefBand
+
+SHORTEST_M, RATIO, BANDS = 0.6, 10.0, 3
+"""Shortest wavelength, ratio of the longest to the shortest one of a band, and number of bands."""
+
+SIZE_PX, TEXELS = 512, 4
+"""Size of the pattern, and texels of its shortest wave."""
+
+FALL = 1.8
+"""Exponent by which the pattern's amplitudes fall with frequency: crumbly ground."""
+
+LEAST_STEEPNESS, MOST_STEEPNESS = 0.005, 0.03
+"""Bounds of the standard deviation of an octave over its wavelength: no ground is quite smooth."""
+
+EXPONENT = 0.8
+"""Exponent by which octaves shorter than the stage's grid have smaller deviations."""
+
+POINTS = 3.0
+"""Points of the mesh per wavelength from which it has a wave itself."""
+
+TURN_RAD = 0.9
+"""Rotation of a band's pattern against that of the band before."""
+
+
+@dataclass(frozen=True, eq=False)
+class LandReliefPattern:
+    """Relief below the resolution of the land's mesh.
+
+    Attributes:
+        octaves: Spectrum of the relief.
+        seed: Seed of the pattern.
+    """
+
+    octaves: tuple[Octave, ...]
+    seed: int
+
+    @cached_property
+    def pattern(self) -> Field:
+        """(SIZE_PX, SIZE_PX) tileable heights with standard deviation 1."""
+        cycles = np.hypot(
+            np.fft.fftfreq(SIZE_PX, 1 / SIZE_PX)[:, None], np.fft.rfftfreq(SIZE_PX, 1 / SIZE_PX)
+        )
+        shortest = SIZE_PX / TEXELS
+        gain = np.maximum(cycles, 1.0) ** -FALL
+        gain *= np.clip(cycles * RATIO / shortest, 0, 1) ** 3 * (cycles <= shortest)
+        return filtered(SIZE_PX, gain.astype(np.float32), randomness.stream(self.seed, "detail"))
+
+    @property
+    def bands(self) -> list[ReliefBand]:
+        """The bands of wavelengths, the shortest first."""
+        rng = randomness.stream(self.seed, "detail/bands")
+        bands = []
+        for index in range(BANDS):
+            shortest_m = SHORTEST_M * RATIO**index
+            start = rng.uniform(0, 1, 2)
+            bands.append(
+                ReliefBand(
+                    period_m=shortest_m * SIZE_PX / TEXELS,
+                    deviation_m=self._deviation_m(shortest_m),
+                    complete_m=RATIO * shortest_m / (POINTS * SPACING_SHARE),
+                    turn_rad=TURN_RAD * (index + 1),
+                    start=(float(start[0]), float(start[1])),
+                )
+            )
+        return bands
+
+    def _deviation_m(self, shortest_m: float) -> float:
+        """Return the standard deviation of the band that begins with a wavelength."""
+        waves_m = shortest_m * 2.0 ** np.arange(np.log2(RATIO))
+        known_m, deviations_m = np.array(self.octaves).T
+        found_m = np.exp(np.interp(np.log(waves_m), np.log(known_m), np.log(deviations_m + 1e-9)))
+        found_m *= np.minimum(waves_m / known_m[0], 1.0) ** EXPONENT
+        bounded_m = np.clip(found_m, LEAST_STEEPNESS * waves_m, MOST_STEEPNESS * waves_m)
+        return float(np.sqrt(np.sum(bounded_m**2)))

@@ -1,0 +1,132 @@
+"""Cells that divide a tile, and the distance of each pixel to the border of its cell.
+
+Cells are, for example, polygons of dried mud, blocks of rock between joints, or lobes of lava. They
+are given as images of cell ids, so that cells may be warped or cut by others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.procedural.terrain.noise import Field
+from oaisys_core.procedural.textures import fields
+
+Ids = NDArray[np.int64]
+
+
+def voronoi(
+    size_px: int,
+    cells: int,
+    rng: np.random.Generator,
+    *,
+    warp: float = 0.12,
+    jitter: float = 0.4,
+    smooth: float = 2.4,
+) -> Ids:
+    """Return the (N, N) ids of about ``cells`` squared Voronoi cells.
+
+    Args:
+        size_px: Edge length of the tile.
+        cells: Cells along an edge.
+        rng: Draws the centres.
+        warp: Strength of the domain warp that bends borders, in cells.
+        smooth: Smoothness of the bends: 2 is ragged, 3.5 very smooth.
+        jitter: Largest distance of a centre from its grid position, in cells.
+    """
+    x, y = fields.unit_grid(size_px, cells)
+    if warp:
+        x, y = fields.warped(x, y, cells, rng, warp, smooth)
+    offset = (0.5 + rng.uniform(-jitter, jitter, (2, cells * cells))).astype(np.float32)
+    nearest = np.full(x.shape, np.inf, np.float32)
+    ids = np.zeros(x.shape, np.int64)
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    for d_row in (-1, 0, 1):
+        for d_column in (-1, 0, 1):
+            c, r = column + d_column, row + d_row
+            number = (r % cells) * cells + c % cells
+            distance = np.hypot(x - c - offset[0][number], y - r - offset[1][number])
+            closer = distance < nearest
+            nearest[closer] = distance[closer]
+            ids[closer] = number[closer]
+    return ids
+
+
+def crossed(first: Ids, second: Ids) -> Ids:
+    """Return the (N, N) ids of the intersections of two sets of cells."""
+    pair = first * (int(second.max()) + 1) + second
+    number = np.unique(pair, return_inverse=True)[1]
+    return np.asarray(number.reshape(first.shape), np.int64)
+
+
+def border_distance(ids: Ids, keep: NDArray[np.bool_] | None = None) -> Field:
+    """Return (N, N) distances in pixels to the nearest cell border, across the tile's edges too.
+
+    Args:
+        ids: (N, N) cell ids.
+        keep: (N, N) where borders count; None for everywhere.
+    """
+    import cv2
+
+    border = (ids != np.roll(ids, 1, axis=0)) | (ids != np.roll(ids, 1, axis=1))
+    if keep is not None:
+        border &= keep
+    size_px = len(ids)
+    if not border.any():
+        return np.full(ids.shape, size_px, np.float32)
+    pad = size_px // 2
+    free = np.pad((~border).astype(np.uint8), pad, mode="wrap")
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 5)
+    return np.asarray(distance[pad : pad + size_px, pad : pad + size_px], np.float32)
+
+
+def per_cell(ids: Ids, rng: np.random.Generator) -> Field:
+    """Return (N, N) random values, constant within each cell, with standard deviation 1."""
+    return rng.standard_normal(int(ids.max()) + 1).astype(np.float32)[ids]
+
+
+def from_centre(ids: Ids) -> tuple[Field, Field]:
+    """Return (N, N) column and row offsets, in tile edges, of each pixel from its cell's centre.
+
+    The centre is a circular mean, so that cells may cross the tile's edges.
+    """
+    size_px = len(ids)
+    count = int(ids.max()) + 1
+    axis = (np.arange(size_px) + 0.5) / size_px
+    away: list[Field] = []
+    for place in np.meshgrid(axis, axis):
+        turn = np.exp(2j * np.pi * place.ravel())
+        mean = np.bincount(ids.ravel(), turn.real, count)
+        mean = mean + 1j * np.bincount(ids.ravel(), turn.imag, count)
+        centre = np.angle(mean) / (2 * np.pi)
+        away.append(((place - centre[ids] + 0.5) % 1.0 - 0.5).astype(np.float32))
+    return away[0], away[1]
+
+
+def tilted(ids: Ids, rng: np.random.Generator) -> Field:
+    """Return (N, N) heights of one tilted plane per cell, 0 at its centre.
+
+    Slopes are normally distributed with standard deviation 1 along each axis.
+    """
+    slope = rng.standard_normal((2, int(ids.max()) + 1)).astype(np.float32)
+    x, y = from_centre(ids)
+    return np.asarray(slope[0][ids] * x + slope[1][ids] * y, np.float32)
+
+
+def jointed(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend: float) -> Ids:
+    """Return the (N, N) ids of the blocks between two perpendicular sets of joints.
+
+    Args:
+        size_px: Edge length of the tile.
+        sets: Coprime a and b: one set of joints has a waves along x and b along y, the other -b
+            along x and a along y, so that there are a**2 + b**2 blocks on the tile.
+        rng: Draws the bends of the joints.
+        bend: Strength of the bends, in tile edges.
+    """
+    a, b = sets
+    x, y = fields.unit_grid(size_px, 1)
+    x, y = fields.warped(x, y, 2, rng, bend, 3.2)
+    first = np.floor(a * x + b * y).astype(np.int64)
+    second = np.floor(a * y - b * x).astype(np.int64)
+    # Wrapping around the tile maps (i, j) to (i + a, j - b) or (i + b, j + a), the same block.
+    return np.asarray((b * first + a * second) % (a * a + b * b), np.int64)

@@ -1,0 +1,203 @@
+"""Reading a user's folder of PBR maps, named as by Poly Haven or the original simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import srgb
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import TEXTURE, read_pixels
+from oaisys_core.output.exr import read_channels
+from oaisys_core.procedural.textures.fields import normals_from_height
+from oaisys_core.procedural.textures.normal_maps import encode_normals
+from oaisys_core.scene import PbrMaps
+
+KEYWORDS = {
+    "color": ("diffuse", "diff", "albedo", "basecolor", "base_color", "color", "col"),
+    "height": ("displacement", "disp", "height"),
+    "normal_gl": ("nor_gl", "normal_gl", "normalgl", "nrm_gl"),
+    "normal_dx": ("nor_dx", "normal_dx", "normaldx", "nrm_dx"),
+    "normal": ("nor", "normal", "nrm"),
+    "roughness": ("roughness", "rough", "rgh"),
+    "gloss": ("gloss", "glossiness"),
+    "occlusion": ("ao", "ambientocclusion", "occlusion"),
+    "packed": ("arm",),
+    "unused": ("spec", "specular", "refl", "metal", "metalness", "mask", "opacity", "emissive"),
+}
+"""Parts of file names by kind of map; ``packed`` contains occlusion, roughness and metalness.
+
+Maps of the kind ``unused`` are ignored, because ground is neither metallic nor specular.
+"""
+
+COLOR_MAP_EXPECTED = (
+    f"a folder with a readable image with one of {', '.join(KEYWORDS['color'])} in its name,"
+    " for the colour map"
+)
+
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr"})
+FOLDER_RELIEF_M = 0.05
+"""Height of the full range of a height map if normals must be derived from it."""
+DEFAULT_ROUGHNESS = 0.9
+
+OCCLUSION_SHARE = 0.6
+"""Strength of the occlusion map: cracks receive less sky light, but still sunlight."""
+
+Maps = dict[str, Path]
+Image = NDArray[np.float32]
+
+
+def texture_folders(path: Path) -> list[Path]:
+    """Return the subfolders with a colour map, sorted by name.
+
+    Raises:
+        InvalidInputError: There are none.
+    """
+    folders = sorted(each for each in path.iterdir() if each.is_dir() and "color" in _maps(each))
+    if not folders:
+        raise InvalidInputError("folder", str(path), "a folder of folders with a colour map each")
+    return folders
+
+
+def has_color_map(path: Path) -> bool:
+    """Return whether a path is a folder with a readable colour map."""
+    import cv2
+
+    file = _maps(path).get("color") if path.is_dir() else None
+    # OpenCV reads only the first bytes of the file.
+    return file is not None and (file.suffix.lower() == ".exr" or cv2.haveImageReader(str(file)))
+
+
+def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -> PbrMaps:
+    """Return the maps in a folder; only the colour map is required.
+
+    Missing normals are derived from the height map (flat without one); missing roughness is 0.9.
+    DirectX normals are converted to OpenGL's convention, gloss to roughness. Occlusion darkens the
+    colour.
+
+    Args:
+        path: The folder.
+        tile_m: Edge length of a tile.
+        size_px: Edge length to which maps are resized; None for that of the colour map.
+
+    Raises:
+        InvalidInputError: The folder, or a readable colour map in it, is missing.
+    """
+    if not path.is_dir():
+        raise InvalidInputError("folder", str(path), "an existing folder of texture maps")
+    files = _maps(path)
+    if "color" not in files:
+        raise InvalidInputError("folder", str(path), COLOR_MAP_EXPECTED)
+    color = _color(files["color"])
+    size = size_px or min(color.shape[:2])
+    height = _grey(files, "height", size)
+    roughness, occlusion = _roughness_and_occlusion(files, size)
+    color = _resized(color, size) * (1 - OCCLUSION_SHARE * (1 - occlusion))[..., None]
+    return PbrMaps(
+        name=path.name,
+        color_srgb=_bytes(color),
+        height=np.zeros((size, size), np.float32) if height is None else height,
+        normal_gl=_normals(files, size, height, tile_m),
+        roughness=_bytes(roughness),
+        tile_m=tile_m,
+    )
+
+
+def _maps(path: Path) -> Maps:
+    """Return the images in a folder by kind; of several, the first by keyword and name."""
+    found: dict[str, tuple[int, Path]] = {}
+    for file in sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES):
+        kind, rank = _kind(file.stem)
+        if kind is not None and (kind not in found or rank < found[kind][0]):
+            found[kind] = (rank, file)
+    return {kind: file for kind, (_, file) in found.items()}
+
+
+def _kind(stem: str) -> tuple[str | None, int]:
+    """Return the kind given by the last (and longest) keyword in a name, and the keyword's rank."""
+    name = f"_{stem.lower()}_".replace("-", "_").replace(" ", "_")
+    best: tuple[tuple[int, int], str | None, int] = ((-1, 0), None, 0)
+    for kind, words in KEYWORDS.items():
+        for rank, word in enumerate(words):
+            place = (name.rfind(f"_{word}_"), len(word))
+            if place[0] >= 0 and place > best[0]:
+                best = (place, kind, rank)
+    return best[1], best[2]
+
+
+def _normals(files: Maps, size: int, height: Image | None, tile_m: float) -> NDArray[np.uint8]:
+    for kind in ("normal_gl", "normal", "normal_dx"):
+        if kind in files:
+            image = _resized(_image(files[kind]), size)
+            if kind == "normal_dx":
+                image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
+            # Bytes of 127 and 128 are both flat: programs differ in which of them they write.
+            return encode_normals(2 * image - 1)
+    flat = np.zeros((size, size), np.float32)
+    return normals_from_height(flat if height is None else height, FOLDER_RELIEF_M, tile_m)
+
+
+def _roughness_and_occlusion(files: Maps, size: int) -> tuple[Image, Image]:
+    roughness, occlusion = _grey(files, "roughness", size), _grey(files, "occlusion", size)
+    if roughness is None and (gloss := _grey(files, "gloss", size)) is not None:
+        roughness = 1 - gloss
+    if "packed" in files:
+        packed = _resized(_image(files["packed"]), size)
+        roughness = packed[..., 1] if roughness is None else roughness
+        occlusion = packed[..., 0] if occlusion is None else occlusion
+    if roughness is None:
+        roughness = np.full((size, size), DEFAULT_ROUGHNESS, np.float32)
+    return roughness, np.ones((size, size), np.float32) if occlusion is None else occlusion
+
+
+def _color(path: Path) -> Image:
+    """Return (H, W, 3) sRGB-encoded colour; EXR images contain linear colour."""
+    image = _image(path)
+    if path.suffix.lower() != ".exr":
+        return image
+    return srgb(image)
+
+
+def _image(path: Path) -> Image:
+    """Return an image as (H, W, 3) RGB, 0 to 1.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    image = _exr_image(path) if path.suffix.lower() == ".exr" else _integer_image(path)
+    return np.clip(image, 0, 1).astype(np.float32)
+
+
+def _exr_image(path: Path) -> NDArray[np.float32]:
+    channels = read_channels(path, TEXTURE)
+    grey = next(iter(channels.values()))
+    return np.stack([channels.get(name, grey) for name in "RGB"], axis=-1)
+
+
+def _integer_image(path: Path) -> NDArray[np.float32]:
+    image = read_pixels(path, TEXTURE)
+    if image.ndim == 2:
+        image = np.repeat(image[..., None], 3, axis=2)
+    scale = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
+    rgb = image[..., 2::-1] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+    return np.asarray(rgb / np.float32(scale), np.float32)
+
+
+def _grey(files: Maps, kind: str, size: int) -> Image | None:
+    return _resized(_image(files[kind]), size)[..., 0] if kind in files else None
+
+
+def _resized(image: Image, size: int) -> Image:
+    import cv2
+
+    if image.shape[:2] == (size, size):
+        return image
+    shrinks = size < min(image.shape[:2])
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (size, size), interpolation=method), np.float32)
+
+
+def _bytes(image: Image) -> NDArray[np.uint8]:
+    return np.asarray(np.rint(image * 255), np.uint8)

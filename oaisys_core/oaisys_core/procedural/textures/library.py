@@ -1,0 +1,76 @@
+"""Built-in texture sets by name, cached because they take seconds to make."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core import randomness
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.procedural.textures import cache
+from oaisys_core.procedural.textures.fields import normals_from_height
+from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
+from oaisys_core.procedural.textures.recipes.finish import Recipe
+from oaisys_core.scene import PbrMaps
+
+RECIPES: dict[str, Recipe] = {
+    **loose.RECIPES,
+    **rocks.RECIPES,
+    **earth.RECIPES,
+    **organic.RECIPES,
+    **frozen.RECIPES,
+}
+
+TEXTURES = frozenset(RECIPES)
+
+
+def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> PbrMaps:
+    """Return a built-in texture set, from the cache if possible.
+
+    Args:
+        name: One of `TEXTURES`.
+        size_px: Edge length of its maps.
+        seed: Seed of the maps.
+        cache_dir: Folder of the cache; None for no cache.
+
+    Raises:
+        InvalidInputError: There is no set of that name.
+    """
+    if name not in RECIPES:
+        raise InvalidInputError("texture", name, one_of(TEXTURES, name))
+    if cache_dir is None:
+        return make_texture_set(name, size_px, seed)
+    subsurface = RECIPES[name].subsurface
+    key = hashlib.sha256(repr((RECIPES[name].version, name, size_px, seed)).encode()).hexdigest()
+    path = cache_dir / f"{name}-{key[:16]}.npz"
+    cached = cache.read(path, name, size_px)
+    if cached is None:
+        cached = make_texture_set(name, size_px, seed)
+        cache.write(path, cached)
+    return replace(cached, subsurface=subsurface) if subsurface else cached
+
+
+def texture_exposure(name: str) -> float:
+    """Return where the ground of a built-in texture set lies, see `Recipe`."""
+    return RECIPES[name].exposure
+
+
+def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
+    """Make a built-in texture set."""
+    recipe = RECIPES[name]
+    made = recipe.make(size_px, randomness.stream(seed, f"texture/{name}"))
+    low, high = float(made.height.min()), float(made.height.max())
+    relief = max(high - low, 1e-9)
+    height = ((made.height - np.float32(low)) / np.float32(relief)).astype(np.float32)
+    return PbrMaps(
+        name=name,
+        color_srgb=np.rint(made.color * 255).astype(np.uint8),
+        height=height,
+        normal_gl=normals_from_height(height, relief * recipe.tile_m, recipe.tile_m),
+        roughness=np.rint(made.roughness * 255).astype(np.uint8),
+        tile_m=recipe.tile_m,
+        subsurface=recipe.subsurface,
+    )

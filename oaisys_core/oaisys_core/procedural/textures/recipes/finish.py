@@ -1,0 +1,156 @@
+"""The result of texture recipes, and the steps that they share: tones, shading, albedo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.color import srgb
+from oaisys_core.procedural.terrain.noise import Field
+from oaisys_core.procedural.textures import fields
+from oaisys_core.procedural.textures.recipes.stones import StoneBed
+
+Color = tuple[float, float, float]
+"""sRGB or, where a name says so, linear reflectance of red, green and blue; 0 to 1."""
+
+LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
+"""Weights of linear red, green and blue in the luminance (ITU-R BT.709)."""
+
+
+class TextureMaps(NamedTuple):
+    """The maps that a recipe makes, before conversion to `PbrMaps`.
+
+    Attributes:
+        color: (N, N, 3) float32 sRGB, 0 to 1.
+        height: (N, N) float32 in tile edges.
+        roughness: (N, N) float32, 0 to 1.
+    """
+
+    color: NDArray[np.float32]
+    height: Field
+    roughness: Field
+
+
+class Recipe(NamedTuple):
+    """The recipe of a texture set, and its size in the world.
+
+    Attributes:
+        make: Function of (size_px, rng) that makes its maps.
+        tile_m: Edge length of a tile.
+        version: Part of the cache key; it must change with the recipe.
+        albedo: Natural range of the mean linear luminance of such ground.
+        subsurface: See `PbrMaps`.
+        exposure: Where such ground lies: 1 on ridges and scarps as bare rock, -1 in hollows and on
+            level ground as what wind and water carry.
+    """
+
+    make: Callable[[int, np.random.Generator], TextureMaps]
+    tile_m: float
+    version: int
+    albedo: tuple[float, float]
+    subsurface: float = 0.0
+    exposure: float = 0.0
+
+
+def encoded(linear: ArrayLike) -> NDArray[np.float32]:
+    """Return the sRGB values, 0 to 1, of linear ones (IEC 61966-2-1)."""
+    return srgb(np.clip(np.asarray(linear, np.float32), 0, 1))
+
+
+def tinted(tone: Field, color: Color) -> NDArray[np.float32]:
+    """Return (N, N, 3) of one colour, multiplied by ``tone``."""
+    return np.asarray(tone[..., None] * np.array(color, np.float32), np.float32)
+
+
+def blended(
+    below: NDArray[np.float32], above: ArrayLike, share: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return (N, N, 3) colours, interpolated with (N, N) ``share`` from 0 to 1."""
+    return np.asarray(below + (np.asarray(above, np.float32) - below) * share[..., None])
+
+
+def smoothstep(low: float, high: float, value: Field) -> Field:
+    """Return a smooth step from 0 at ``low`` to 1 at ``high``, which may be less than ``low``."""
+    t = np.clip((value - np.float32(low)) / np.float32(high - low), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t), np.float32)
+
+
+def finished(
+    reflectance: NDArray[np.float32],
+    height: Field,
+    roughness: Field,
+    *,
+    albedo: float,
+    shade: float = 0.5,
+) -> TextureMaps:
+    """Return the maps with a given mean albedo, and with hollows darkened by occlusion.
+
+    Args:
+        reflectance: (N, N, 3) linear colour with any mean.
+        height: (N, N) in tile edges.
+        roughness: (N, N) of 0 to 1.
+        albedo: Mean linear luminance of the result.
+        shade: Exponent of the darkening; 0 for none.
+    """
+    size_px = len(height)
+    height = height.astype(np.float32)
+    light = fields.occlusion(height, size_px / 300) * fields.occlusion(height, size_px / 80)
+    color = np.clip(reflectance, 0, None) * np.power(light, np.float32(shade))[..., None]
+    color *= np.float32(albedo / float((color @ LUMINANCE).mean()))
+    return TextureMaps(encoded(color), height, np.clip(roughness, 0, 1).astype(np.float32))
+
+
+def dusty(
+    size_px: int, rng: np.random.Generator, color: Color, variation: float, hue: float = 0.012
+) -> NDArray[np.float32]:
+    """Return (N, N, 3) of one colour with fine and coarse variation of brightness and hue."""
+    tone = 1 + variation * fields.grains(size_px, rng, 0.6)
+    tone += 0.6 * variation * fields.tile_noise(size_px, 6, rng)
+    shift = hue * fields.tile_noise(size_px, 2, rng)[..., None]
+    warm = 1 + shift * np.array((0.6, 0.0, -1.0), np.float32)
+    return np.asarray(tone[..., None] * warm * np.array(color, np.float32), np.float32)
+
+
+def covered(
+    ground: NDArray[np.float32],
+    bed: StoneBed,
+    tones: Sequence[Color],
+    rng: np.random.Generator,
+    roughness: float,
+) -> TextureMaps:
+    """Return the maps of a stone bed; each stone has its own tone, with dust around its foot."""
+    size_px = len(ground)
+    tone = np.array(tones, np.float32)[rng.integers(len(tones), size=bed.count + 1)]
+    tone *= rng.normal(1.0, 0.14, (bed.count + 1, 1)).clip(0.65, 1.4).astype(np.float32)
+    mottle = 1 + 0.05 * fields.grains(size_px, rng, 0.8)
+    mottle += 0.06 * fields.tile_noise(size_px, 30, rng, 1.5)
+    stone = tone[bed.ids] * mottle[..., None]
+    # Dust covers the foot of a stone, and thinly all of it.
+    bare = np.clip(bed.above * 3.0, 0, 1) * np.float32(0.85)
+    bare *= bed.ids >= 0
+    color = ground + (stone - ground) * bare[..., None]
+    chipped = 0.0002 * fields.tile_noise(size_px, 50, rng, 1.5) * (bed.ids >= 0)
+    return lit(color, bed.height + chipped.astype(np.float32), rng, roughness)
+
+
+def lit(
+    color: NDArray[np.float32],
+    height: Field,
+    rng: np.random.Generator,
+    roughness: float,
+) -> TextureMaps:
+    """Return the maps with hollows darkened by occlusion."""
+    size_px = len(height)
+    near, wide = (
+        fields.occlusion(height, size_px / 300),
+        fields.occlusion(height, size_px / 80),
+    )
+    rough = roughness + 0.04 * fields.grains(size_px, rng, 2.0)
+    return TextureMaps(
+        np.clip(color * np.sqrt(near * wide)[..., None], 0, 1),
+        height,
+        np.clip(rough, 0, 1).astype(np.float32),
+    )

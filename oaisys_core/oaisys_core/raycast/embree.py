@@ -1,0 +1,300 @@
+"""Ray casting with instances, by the Embree library that comes with Blender.
+
+Open3D and embreex wrap Embree too, but neither of them exposes its instances.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections import deque
+from collections.abc import Sequence
+from ctypes import CDLL, c_char_p, c_int, c_size_t, c_ssize_t, c_uint, c_void_p
+from functools import cache
+from itertools import repeat
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import RenderError
+from oaisys_core.raycast.instances import InstanceTarget, keep_nearest, matvec
+from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
+from oaisys_core.raycast.triangles import refined
+from oaisys_core.types import FloatArray
+
+LIBRARY = "libembree4.so.4"
+"""Blender has loaded it already, so the dynamic linker finds it without a path."""
+
+MIN_VERSION = 40300
+"""First version with instance arrays: 4.3.0 in Embree's notation."""
+
+VERSION, TRIANGLES_SUPPORTED = 0, 96
+TRIANGLE, INSTANCE_ARRAY = 0, 122
+INDEX, VERTEX, TRANSFORM = 0, 1, 23
+UINT3, FLOAT3, FLOAT3X4_COLUMN_MAJOR = 0x5003, 0x9003, 0x9234
+ROBUST = 4
+"""Values of ``RTCDeviceProperty``, ``RTCGeometryType``, ``RTCBufferType``, ``RTCFormat`` and
+``RTCSceneFlags``."""
+
+PACKET, FIELDS = 8, 21
+"""Rays per call, and 32-bit fields per ray, of an ``RTCRayHit8``: the most that Embree casts
+together without AVX-512."""
+ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, FLAGS = slice(0, 3), 3, slice(4, 7), 7, 8, 9, 11
+PRIMITIVE, INSTANCE, INSTANCE_PRIMITIVE = 17, 19, 20
+"""Indices of fields."""
+
+INVALID_ID = 0xFFFFFFFF
+"""Id that Embree gives where a ray hit nothing."""
+
+ALIGNMENT = 64
+"""Bytes, of the memory that Embree reads rays from."""
+
+_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "rtcNewDevice": (c_void_p, [c_char_p]),
+    "rtcGetDeviceProperty": (c_ssize_t, [c_void_p, c_int]),
+    "rtcGetDeviceError": (c_int, [c_void_p]),
+    "rtcNewScene": (c_void_p, [c_void_p]),
+    "rtcSetSceneFlags": (None, [c_void_p, c_int]),
+    "rtcCommitScene": (None, [c_void_p]),
+    "rtcReleaseScene": (None, [c_void_p]),
+    "rtcNewGeometry": (c_void_p, [c_void_p, c_int]),
+    "rtcSetSharedGeometryBuffer": (
+        None,
+        [c_void_p, c_int, c_uint, c_int, c_void_p, *[c_size_t] * 3],
+    ),
+    "rtcSetGeometryInstancedScene": (None, [c_void_p, c_void_p]),
+    "rtcCommitGeometry": (None, [c_void_p]),
+    "rtcAttachGeometry": (c_uint, [c_void_p, c_void_p]),
+    "rtcReleaseGeometry": (None, [c_void_p]),
+    "rtcIntersect8": (None, [c_void_p] * 4),
+}
+
+
+class Embree:
+    """Builds scenes that rays can be cast at."""
+
+    def __init__(self, library: CDLL) -> None:
+        """Declare the library's functions and open a device.
+
+        Raises:
+            RenderError: The library is too old, or was built without triangles.
+        """
+        self.library = library
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+        self._device = library.rtcNewDevice(b"")
+        version, triangles = (
+            library.rtcGetDeviceProperty(self._device, each)
+            for each in (VERSION, TRIANGLES_SUPPORTED)
+        )
+        if version < MIN_VERSION or not triangles:
+            raise RenderError(
+                f"Embree: received version {version}, expected {MIN_VERSION} or later"
+            )
+        self._of_meshes: WeakKeyDictionary[PrototypeMesh, EmbreeScene] = WeakKeyDictionary()
+
+    def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> EmbreeScene:
+        """Return a scene of (V, 3) vertices and (T, 3) triangles."""
+        # Embree reads 16 bytes per vertex, so the last one needs padding.
+        corners = np.zeros((len(vertices_m) + 1, 3), np.float32)
+        corners[:-1] = vertices_m
+        indices = np.ascontiguousarray(triangles, np.uint32)
+        geometry = self._geometry(TRIANGLE)
+        self._share(geometry, VERTEX, FLOAT3, corners, len(vertices_m))
+        self._share(geometry, INDEX, UINT3, indices, len(indices))
+        return self._scene([geometry], [corners, indices])
+
+    def instances(
+        self, meshes: Sequence[PrototypeMesh], poses: Sequence[NDArray[np.float64]]
+    ) -> EmbreeScene:
+        """Return a scene with one instance of each mesh at each of its (N, 4, 4) poses."""
+        geometries: list[Any] = []
+        kept: list[Any] = []
+        for mesh, T in zip(meshes, poses, strict=True):
+            columns = np.ascontiguousarray(T[:, :3].transpose(0, 2, 1), np.float32)
+            geometry = self._geometry(INSTANCE_ARRAY)
+            scene = self._scene_of(mesh)
+            self.library.rtcSetGeometryInstancedScene(geometry, scene.handle)
+            self._share(geometry, TRANSFORM, FLOAT3X4_COLUMN_MAJOR, columns, len(columns))
+            geometries.append(geometry)
+            kept += [scene, columns]
+        return self._scene(geometries, kept)
+
+    def _scene_of(self, mesh: PrototypeMesh) -> EmbreeScene:
+        """Return the scene of a prototype's mesh, which is kept as long as the mesh."""
+        scene = self._of_meshes.get(mesh)
+        if scene is None:
+            scene = self.mesh(mesh.vertices_m, mesh.prototype.triangles)
+            self._of_meshes[mesh] = scene
+        return scene
+
+    def _geometry(self, kind: int) -> Any:
+        return self.library.rtcNewGeometry(self._device, kind)
+
+    def _share(self, geometry: Any, kind: int, form: int, values: NDArray[Any], count: int) -> None:
+        stride = values.strides[0]
+        address = values.ctypes.data
+        self.library.rtcSetSharedGeometryBuffer(geometry, kind, 0, form, address, 0, stride, count)
+
+    def _scene(self, geometries: Sequence[Any], kept: Sequence[Any]) -> EmbreeScene:
+        library = self.library
+        handle = library.rtcNewScene(self._device)
+        scene = EmbreeScene(library, handle, kept)
+        library.rtcSetSceneFlags(handle, ROBUST)
+        for geometry in geometries:
+            library.rtcCommitGeometry(geometry)
+            library.rtcAttachGeometry(handle, geometry)
+            library.rtcReleaseGeometry(geometry)
+        library.rtcCommitScene(handle)
+        error = library.rtcGetDeviceError(self._device)
+        if error:
+            raise RenderError(f"Embree failed with its error {error}")
+        return scene
+
+
+class EmbreeScene:
+    """A scene that rays can be cast at; a scene of its instances keeps it alive."""
+
+    def __init__(self, library: CDLL, handle: Any, kept: Sequence[Any]) -> None:
+        """Own a handle, and keep alive the arrays and scenes that it refers to."""
+        self.handle = handle
+        self._library = library
+        self._kept = kept
+        weakref.finalize(self, library.rtcReleaseScene, handle).atexit = False
+
+    def nearest(
+        self, origins: FloatArray, directions: FloatArray, limits: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """Return the first hit of each ray.
+
+        Args:
+            origins: (R, 3), or (3,) for all rays.
+            directions: (R, 3) of any length.
+            limits: (R,) lengths of the rays, in units of the directions' lengths.
+
+        Returns:
+            (R,) distances in the same units, the limit for a miss, and (3, R) indices of mesh,
+            instance of that mesh, and triangle, all `INVALID_ID` for a miss. In a scene of one
+            mesh without instances, only the triangle is valid.
+        """
+        count = len(directions)
+        packets = _packets(-(-count // PACKET))
+        ids = packets.view(np.uint32)
+        packets[:, (NEAR, TIME)] = 0.0
+        ids[:, MASK:] = INVALID_ID
+        ids[:, FLAGS] = 0
+        _fill(packets[:, ORIGIN], np.broadcast_to(origins, directions.shape), 0.0)
+        _fill(packets[:, DIRECTION], directions, 0.0)
+        # The last packet is filled up with rays of negative length, which hit nothing.
+        _fill(packets[:, FAR : FAR + 1], limits[:, None], -np.inf)
+        self._cast(packets)
+        places = (INSTANCE, INSTANCE_PRIMITIVE, PRIMITIVE)
+        found = np.stack([ids[:, place].ravel()[:count] for place in places])
+        return packets[:, FAR].ravel()[:count], found
+
+    def first(
+        self, origins: FloatArray, directions: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """See `TriangleBvh.first`; only for a scene without instances."""
+        distances, ids = self.nearest(origins, directions, np.full(len(directions), np.inf))
+        return distances, ids[-1]
+
+    def prepare(self) -> None:
+        """See `TriangleBvh.prepare`; the scene is built already."""
+
+    def _cast(self, packets: NDArray[np.float32]) -> None:
+        """Write the hits into packets of rays, one call per packet."""
+        valid = _aligned((PACKET,), np.int32)
+        valid[:] = -1
+        start, size = packets.ctypes.data, packets.strides[0]
+        addresses = range(start, start + packets.nbytes, size)
+        # Embree has no call for many packets; this loop runs without Python bytecode.
+        calls = map(
+            self._library.rtcIntersect8,
+            repeat(valid.ctypes.data),
+            repeat(self.handle),
+            addresses,
+            repeat(None),
+        )
+        deque(calls, maxlen=0)
+
+
+class EmbreeInstanceTarget(InstanceTarget):
+    """Instances by Embree, which finds triangles in float32; distances are refined in float64."""
+
+    def __init__(self, placed: Sequence[PlacedPrototype], embree: Embree) -> None:
+        """Concatenate at least one placement; each has at least one triangle."""
+        super().__init__(placed)
+        self._origin_m = (self.low_m.min(axis=0) + self.high_m.max(axis=0)) / 2
+        ends = np.cumsum(np.bincount(self.groups, minlength=len(self.meshes)))
+        self._first_instance = np.concatenate(([0], ends))
+        T_local_object = self.T_map_object.copy()
+        T_local_object[:, :3, 3] -= self._origin_m
+        self._scene = embree.instances(self.meshes, np.split(T_local_object, ends[:-1]))
+        meshes = list(dict.fromkeys(self.meshes))
+        starts = np.cumsum([0, *(mesh.triangle_count for mesh in meshes)])
+        self._first_plane = starts[[meshes.index(mesh) for mesh in self.meshes]]
+        self._corners = np.concatenate([mesh.planes[0] for mesh in meshes])
+        self._normals = np.concatenate([mesh.planes[1] for mesh in meshes])
+        for mesh, first, end in zip(meshes, starts[:-1], starts[1:], strict=True):
+            # Views, so that planes are held once.
+            mesh.planes = self._corners[first:end], self._normals[first:end]
+
+    def find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """See `InstanceTarget.find`."""
+        # Rounded up, so that a hit exactly at its limit is found.
+        limits = np.nextafter(best.astype(np.float32), np.float32(np.inf))
+        coarse, ids = self._scene.nearest(origins_m - self._origin_m, directions, limits)
+        rays = np.flatnonzero(ids[0] != INVALID_ID)
+        groups, numbers, triangles = ids[:, rays].astype(np.int64)
+        instances = self._first_instance[groups] + numbers
+        planes = self._first_plane[groups] + triangles
+        T = self.T_object_map[instances]
+        origins = np.broadcast_to(origins_m, directions.shape)[rays]
+        distances = refined(
+            coarse[rays].astype(np.float64),
+            self._corners[planes],
+            self._normals[planes],
+            matvec(T[:, :3, :3], origins) + T[:, :3, 3],
+            matvec(T[:, :3, :3], directions[rays]),
+        )
+        keep_nearest(best, found, rays, distances, self.first[instances] + triangles)
+
+
+@cache
+def blenders_embree() -> Embree | None:
+    """Return Embree as Blender has loaded it; None without Blender, or with another version."""
+    try:
+        return Embree(CDLL(LIBRARY))
+    except (OSError, AttributeError, RenderError):
+        return None
+
+
+def _packets(count: int) -> NDArray[np.float32]:
+    """Return an uninitialised (count, FIELDS, PACKET) array."""
+    return _aligned((count, FIELDS, PACKET), np.float32)
+
+
+def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+    """Return an uninitialised array that is aligned to `ALIGNMENT` bytes."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    memory = np.empty(size + ALIGNMENT, np.uint8)
+    first = -memory.ctypes.data % ALIGNMENT
+    return memory[first : first + size].view(dtype).reshape(shape)
+
+
+def _fill(fields: NDArray[np.float32], values: FloatArray, rest: float) -> None:
+    """Write (R, F) values of rays into (P, F, PACKET) fields, and ``rest`` behind the last ray."""
+    whole, width = len(values) // PACKET, values.shape[1]
+    fields[:whole] = values[: whole * PACKET].reshape(whole, PACKET, width).transpose(0, 2, 1)
+    if whole < len(fields):
+        fields[whole] = rest
+        fields[whole, :, : len(values) - whole * PACKET] = values[whole * PACKET :].T

@@ -1,0 +1,246 @@
+"""Ray casting at instances of meshes, without a copy of the mesh for each of them.
+
+The hits are found by `raycast.embree`, or by `raycast.instance_boxes` without Blender's Embree.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.raycast.prototype_meshes import PlacedPrototype
+from oaisys_core.raycast.triangles import NO_ELEMENT, RayTarget, unit
+from oaisys_core.scene import PlacedCamera
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+
+BOX_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+"""Corners of the unit box, ordered by x, then y, then z."""
+
+MARGIN_PX = 0.01
+"""Added to a box's image on all sides; more than the rounding error in float32."""
+
+MAX_BOXES = 5_000
+"""With more boxes, finding the pixels that may see one takes as long as it saves."""
+
+MAX_VISIBLE_SHARE = 0.7
+"""If instances may be visible in a larger share of the pixels, all rays are cast at them."""
+
+MIN_DEPTH_SHARE = 1e-3
+"""Least depth of a box's corners, as a share of its size, for its image to be bounded."""
+
+
+class InstanceTarget(RayTarget):
+    """The N instances of some placements, with the same hits as one mesh of all of them.
+
+    Elements count through the triangles of all instances, one after the other.
+
+    Attributes:
+        meshes: Mesh of each placement.
+        groups: (N,) int, index of each instance's placement.
+        first: (N + 1,) int64, first element of each instance, then the number of elements.
+        instance_ids: (N,) uint32.
+        T_map_object, T_object_map: (N, 4, 4).
+        low_m, high_m: (N, 3) corners of the instances' bounding boxes.
+    """
+
+    def __init__(self, placed: Sequence[PlacedPrototype]) -> None:
+        """Concatenate at least one placement; each has at least one triangle."""
+        placements = [each.placement for each in placed]
+        counts = [len(placement.T_map_object) for placement in placements]
+        self.meshes = [each.mesh for each in placed]
+        self.groups = np.repeat(np.arange(len(placed)), counts)
+        sizes = np.repeat([mesh.triangle_count for mesh in self.meshes], counts)
+        self.first = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64)
+        self.instance_ids = np.concatenate([each.instance_ids for each in placements])
+        self.T_map_object = np.concatenate([each.T_map_object for each in placements])
+        self.T_object_map = _inverse(self.T_map_object)
+        self.low_m, self.high_m = self._bounds()
+        self.top_m = float(self.high_m[:, 2].max())
+
+    @abstractmethod
+    def find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """Replace distances and elements, in place, where rays hit something nearer.
+
+        Args:
+            origins_m: (R, 3), or (3,) for all rays.
+            directions: (R, 3) of any length.
+            best: (R,) distances so far, in units of the directions' lengths.
+            found: (R,) elements so far.
+        """
+
+    def intersect(
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """See `RayTarget`."""
+        shape = directions.shape[:-1]
+        best = np.full(shape, np.inf).ravel() if limits is None else limits.astype(float).ravel()
+        found = np.full(best.shape, NO_ELEMENT, dtype=np.int64)
+        self.find(origins_m, directions.reshape(-1, 3), best, found)
+        best[found == NO_ELEMENT] = np.inf
+        return best.reshape(shape), found.reshape(shape)
+
+    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+        """See `RayTarget`."""
+        if not camera.intrinsics.is_rectilinear:
+            return None
+        found = visible_pixels(camera, self.low_m, self.high_m)
+        if found is None or np.count_nonzero(found) > MAX_VISIBLE_SHARE * found.size:
+            return None
+        return found
+
+    def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """See `RayTarget`."""
+        ids = np.zeros(elements.shape, np.uint32)
+        hit = elements != NO_ELEMENT
+        ids[hit] = self.instance_ids[self._instances_of(elements[hit])]
+        return ids
+
+    def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
+        """See `RayTarget`."""
+        instances = self._instances_of(elements)
+        triangles = elements - self.first[instances]
+        normals = np.empty((len(elements), 3))
+        for group, rows in self.by_group(instances):
+            normals[rows] = self.meshes[group].planes[1][triangles[rows]]
+        return unit(matvec(self.T_map_object[instances, :3, :3], unit(normals)))
+
+    def by_group(self, instances: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """Yield the index of each placement among ``instances``, and the rows that belong to it."""
+        groups = self.groups[instances]
+        order = np.argsort(groups, kind="stable")
+        starts = np.searchsorted(groups[order], np.arange(len(self.meshes) + 1))
+        for group in np.flatnonzero(np.diff(starts)).tolist():
+            yield group, order[starts[group] : starts[group + 1]]
+
+    def _instances_of(self, elements: NDArray[np.int64]) -> NDArray[np.intp]:
+        return np.searchsorted(self.first, elements, side="right") - 1
+
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        low_m = np.empty((len(self.groups), 3))
+        high_m = np.empty((len(self.groups), 3))
+        for group, mesh in enumerate(self.meshes):
+            rows = self.groups == group
+            T = self.T_map_object[rows]
+            low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+            corners = low + BOX_CORNERS * (high - low)
+            points = np.einsum("nij,vj->nvi", T[:, :3, :3], corners) + T[:, None, :3, 3]
+            low_m[rows], high_m[rows] = points.min(axis=1), points.max(axis=1)
+        return low_m, high_m
+
+
+def keep_nearest(
+    best: FloatArray,
+    found: NDArray[np.int64],
+    rays: NDArray[np.int64],
+    distances: FloatArray,
+    elements: NDArray[np.int64],
+) -> None:
+    """Replace distances and elements, in place, where (N,) rays hit something nearer.
+
+    If a ray occurs more than once in ``rays``, its last occurrence counts.
+    """
+    nearer = distances < best[rays]
+    best[rays[nearer]] = distances[nearer]
+    found[rays[nearer]] = elements[nearer]
+
+
+def _inverse(T: FloatArray) -> FloatArray:
+    """Return the inverses of (N, 4, 4) affine transforms.
+
+    The adjugate is a vectorised closed form; `numpy.linalg.inv` calls LAPACK once per matrix.
+    """
+    inverse = np.zeros_like(T)
+    columns = T[:, :3, :3].transpose(2, 0, 1)
+    for row in range(3):
+        inverse[:, row, :3] = np.cross(columns[(row + 1) % 3], columns[(row + 2) % 3])
+    inverse[:, :3, :3] /= np.einsum("ni,ni->n", inverse[:, 0, :3], columns[0])[:, None, None]
+    inverse[:, :3, 3] = -matvec(inverse[:, :3, :3], T[:, :3, 3])
+    inverse[:, 3, 3] = 1.0
+    return inverse
+
+
+def matvec(R: NDArray[np.float64], vectors: FloatArray) -> FloatArray:
+    """Return (N, 3) products of (N, 3, 3) matrices and (N, 3) vectors."""
+    return np.asarray(np.einsum("nij,nj->ni", R, vectors))
+
+
+def visible_pixels(
+    camera: PlacedCamera, low_m: FloatArray, high_m: FloatArray
+) -> NDArray[np.bool_] | None:
+    """Return (H, W) whether the ray through a pixel's centre may hit a box; None: any may.
+
+    Args:
+        camera: Without distortion.
+        low_m, high_m: (N, 3) corners of boxes aligned with the axes of ``map``.
+    """
+    if len(low_m) > MAX_BOXES:
+        return None
+    pinhole, T = camera.intrinsics, camera.T_map_camera
+    low_m, high_m = low_m - T[:3, 3], high_m - T[:3, 3]
+    size_m = high_m - low_m
+    near = np.flatnonzero(_in_frustum(pinhole, (low_m + high_m) / 2 @ T[:3, :3], size_m))
+    low_m, size_m = low_m[near].astype(np.float32), size_m[near].astype(np.float32)
+    corners = low_m[:, None] + BOX_CORNERS.astype(np.float32) * size_m[:, None]
+    corners = corners @ T[:3, :3].astype(np.float32)
+    depth_m = corners[..., 2]
+    is_ahead = depth_m.min(axis=1) > MIN_DEPTH_SHARE * size_m.max(axis=1)
+    focal_px = np.array((pinhole.fx_px, pinhole.fy_px), np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = corners[..., :2] / depth_m[..., None] * focal_px
+    pixels += np.array((pinhole.cx_px, pinhole.cy_px), np.float32)
+    size_px = (pinhole.width_px, pinhole.height_px)
+    first = np.clip(np.ceil(pixels.min(axis=1) - MARGIN_PX), 0, size_px)
+    end = np.clip(np.floor(pixels.max(axis=1) + MARGIN_PX) + 1, 0, size_px)
+    first[~is_ahead], end[~is_ahead] = 0, size_px
+    return _covered(first.astype(np.intp), end.astype(np.intp), size_px)
+
+
+def _in_frustum(
+    pinhole: PinholeIntrinsics, middle_m: FloatArray, size_m: FloatArray
+) -> NDArray[np.bool_]:
+    """Return (N,) whether the bounding spheres of boxes intersect a camera's frustum.
+
+    Args:
+        pinhole: The camera.
+        middle_m: (N, 3) centres of the boxes, in its optical frame.
+        size_m: (N, 3) edge lengths.
+    """
+    radius_m = np.linalg.norm(size_m, axis=1) / 2
+    depth_m = middle_m[:, 2]
+    reach = depth_m > -radius_m
+    sizes = (pinhole.width_px, pinhole.height_px)
+    centres, focals = (pinhole.cx_px, pinhole.cy_px), (pinhole.fx_px, pinhole.fy_px)
+    for axis, (size, centre, focal) in enumerate(zip(sizes, centres, focals, strict=True)):
+        for edge_px, sign in ((-0.5, 1), (size - 0.5, -1)):
+            slope = (edge_px - centre) / focal
+            inwards_m = sign * (middle_m[:, axis] - slope * depth_m) / np.hypot(1, slope)
+            reach &= inwards_m > -radius_m
+    return np.asarray(reach)
+
+
+def _covered(
+    first: NDArray[np.intp], end: NDArray[np.intp], size_px: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return (H, W) which pixels lie in any of (N, 2) rectangles [first, end) of (column, row)."""
+    width, height = size_px
+    # A summed-area table of the rectangles' corners counts the rectangles at each pixel.
+    steps = np.zeros((height + 1) * (width + 1), np.int32)
+    for columns, rows, step in (
+        (first[:, 0], first[:, 1], 1),
+        (end[:, 0], first[:, 1], -1),
+        (first[:, 0], end[:, 1], -1),
+        (end[:, 0], end[:, 1], 1),
+    ):
+        np.add.at(steps, rows * (width + 1) + columns, step)
+    counts = steps.reshape(height + 1, width + 1).cumsum(axis=0, dtype=np.int32)
+    counts = counts.cumsum(axis=1, dtype=np.int32)
+    return np.asarray(counts[:height, :width] > 0)

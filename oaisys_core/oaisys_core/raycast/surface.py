@@ -1,0 +1,352 @@
+"""Depth and labels by ray casting, shared by all backends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.geometry import pixel_rays
+from oaisys_core.raycast.embree import blenders_embree
+from oaisys_core.raycast.far_ground import FarGroundTarget
+from oaisys_core.raycast.placement_targets import PlacementTargets
+from oaisys_core.raycast.prototype_meshes import merged_instances
+from oaisys_core.raycast.solids import SolidTarget, flat_ground, target_of, tessellated
+from oaisys_core.raycast.triangles import (
+    BvhBuilder,
+    HeightFieldTarget,
+    RayTarget,
+    TriangleTarget,
+)
+from oaisys_core.scene import HeightField, PlacedCamera, Scene, id_of_level
+from oaisys_core.system.interruption import stop_if_unwanted
+from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
+
+NO_TARGET = -1
+"""Target of a pixel that sees nothing."""
+
+BAND_PIXELS = 40_000
+"""Pixels that are worked on at a time, so that intermediate arrays fit into a core's cache."""
+
+LARGE_TRIANGLES = 6_000_000
+"""Grounds of so many triangles use Blender's Embree, if loaded: Open3D's casts half as fast again
+with the same results, but builds on one thread."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What each pixel of a camera sees at its centre; all arrays are (H, W) or (H, W, 3).
+
+    Attributes:
+        depth_m: float64 planar z, ``+inf`` where nothing was hit.
+        directions: float64 rays in ``map``, scaled so that their planar z is 1.
+        points_m: float64 in ``map``; not finite where nothing was hit.
+        targets: int64 index of the surface's ray target that was hit, `NO_TARGET` for none.
+        elements: int64 index of that target's element, see `RayTarget`.
+        instance_ids: uint32, 0 for ground and sky.
+    """
+
+    depth_m: FloatArray
+    directions: FloatArray
+    points_m: FloatArray
+    targets: NDArray[np.int64]
+    elements: NDArray[np.int64]
+    instance_ids: NDArray[np.uint32]
+
+    def rows(self, rows: slice | NDArray[np.intp]) -> View:
+        """Return a view of some rows; that of a slice shares its memory with the whole."""
+        return View(**{name: array[rows] for name, array in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    @cached_property
+    def is_hit(self) -> NDArray[np.bool_]:
+        """(H, W) whether the pixel's ray hits anything."""
+        return np.isfinite(self.depth_m)
+
+    @cached_property
+    def is_ground(self) -> NDArray[np.bool_]:
+        """(H, W) whether the pixel's ray hits the ground."""
+        return np.asarray(self.is_hit & (self.instance_ids == 0))
+
+
+class InstanceTable:
+    """Values by instance id, where ids may be sparse; 0 for ids that no object has."""
+
+    def __init__(
+        self, scene: Scene, of_placements: Sequence[Any], of_primitives: Sequence[Any], dtype: Any
+    ) -> None:
+        """Take one value for each placement and for each primitive of a scene."""
+        counts = [len(placement.instance_ids) for placement in scene.placements]
+        ids = [placement.instance_ids for placement in scene.placements]
+        ids.append(np.array([p.instance_id for p in scene.primitives], np.uint32))
+        values = np.asarray([*of_placements, *of_primitives], dtype)
+        of_ids = np.repeat(values, [*counts, *(1 for _ in scene.primitives)], axis=0)
+        all_ids = np.concatenate(ids).astype(np.uint32)
+        order = np.argsort(all_ids, kind="stable")
+        nothing = np.zeros((1, *of_ids.shape[1:]), of_ids.dtype)
+        self._ids = np.concatenate((np.zeros(1, np.uint32), all_ids[order]))
+        self._values = np.concatenate((nothing, of_ids[order]))
+
+    def __call__(self, ids: NDArray[np.uint32]) -> NDArray[Any]:
+        """Return the values of (...) ids, of shape (..., *value's shape)."""
+        place = np.searchsorted(self._ids, ids, side="right") - 1
+        place = np.where(self._ids[place] == ids, place, 0)
+        return np.asarray(self._values[place])
+
+
+class Surface:
+    """The surface of a scene: ground, objects and exact solids, each rebuilt only when it changes.
+
+    Views and heights include the ground beyond the stage if the scene has any; the mesh does not.
+    """
+
+    def __init__(self, scene: Scene, ground: TriangleMesh | None) -> None:
+        """Take over a scene and the triangles of its ground.
+
+        Args:
+            scene: The scene.
+            ground: None: the closed form of an exactly flat ground, or the scene's own triangles.
+        """
+        self._objects = PlacementTargets(scene)
+        self._objects.prepare()
+        self._far_ground: FarGroundTarget | None = None
+        self.update(scene, ground)
+
+    @property
+    def scene(self) -> Scene:
+        """The current scene."""
+        return self._scene
+
+    def update(self, scene: Scene, ground: TriangleMesh | None) -> None:
+        """Take over a changed scene, with new triangles of its ground (see `__init__`)."""
+        flat = flat_ground(scene.ground) if ground is None else None
+        self._ground = ground
+        self._ground_target: RayTarget
+        if flat is not None:
+            self._ground_target = SolidTarget(flat, 0, flat.height_m)
+        else:
+            self._ground, target = _ground_target(scene, ground)
+            # Else the first view would wait for it.
+            target.prepare()
+            self._ground_target = target
+        self.update_objects(scene)
+
+    def start_batch(self, scene: Scene) -> None:
+        """Take over the scene of another batch on the same ground.
+
+        New objects are prepared by the first view.
+        """
+        self._objects.start_batch(scene)
+        self.update_objects(scene)
+
+    def update_objects(self, scene: Scene) -> None:
+        """Take over a scene with the same ground; the ground's material may differ."""
+        self._scene = scene
+        self._objects.update(scene)
+        solids = [target_of(primitive) for primitive in scene.primitives]
+        self._targets: list[RayTarget] = [self._ground_target, *self._objects.targets, *solids]
+        self._set_far_ground(scene)
+
+    def _set_far_ground(self, scene: Scene) -> None:
+        """Add the ground beyond the stage, if there is any."""
+        if scene.far_ground is None:
+            self._far_ground = None
+            return
+        if self._far_ground is None or self._far_ground.far_ground is not scene.far_ground:
+            self._far_ground = FarGroundTarget(scene.far_ground)
+        # Last, because few rays have hit nothing until then.
+        self._targets.append(self._far_ground)
+
+    def view(self, camera: PlacedCamera) -> View:
+        """Cast one ray through each pixel's centre and return the first hits.
+
+        With a rolling shutter, the rays of each row start at the camera's pose at its own time.
+        """
+        camera_rays = pixel_rays(camera.intrinsics)
+        shape = camera_rays.shape[:-1]
+        view = View(
+            depth_m=np.full(shape, np.inf),
+            directions=np.empty((*shape, 3)),
+            points_m=np.empty((*shape, 3)),
+            targets=np.full(shape, NO_TARGET, dtype=np.int64),
+            elements=np.zeros(shape, dtype=np.int64),
+            instance_ids=np.zeros(shape, dtype=np.uint32),
+        )
+
+        T_map_camera, row_poses = camera.T_map_camera, camera.row_poses()
+        visible_pixels: list[NDArray[np.bool_] | None] = [None] * len(self._targets)
+        if row_poses is None:
+            visible_pixels = [target.visible_pixels(camera) for target in self._targets]
+        for rows in bands(*shape):
+            band = view.rows(rows)
+            if row_poses is None:
+                R_camera_map, eyes_m = T_map_camera[:3, :3].T, T_map_camera[:3, 3]
+                origins_m = eyes_m
+            else:
+                R_camera_map = row_poses[rows, :3, :3].swapaxes(1, 2)
+                eyes_m = row_poses[rows, None, :3, 3]
+                origins_m = np.repeat(eyes_m[:, 0], shape[1], axis=0)
+            np.matmul(camera_rays[rows], R_camera_map, out=band.directions)
+            for index, pixels in enumerate(visible_pixels):
+                of_band = None if pixels is None else pixels[rows]
+                self._cast_at(index, origins_m, band, of_band)
+            with np.errstate(invalid="ignore"):
+                np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
+                band.points_m[...] += eyes_m
+        return view
+
+    def cast(self, origins_m: FloatArray, directions: FloatArray, limit_m: float) -> View:
+        """Cast rays that may begin anywhere, and return their first hits as a view of one column.
+
+        Args:
+            origins_m: (R, 3) in ``map``, or (3,) for all rays.
+            directions: (R, 3) unit vectors in ``map``; the view's depth is then the range.
+            limit_m: Ranges beyond which nothing is hit.
+        """
+        shape = (len(directions), 1)
+        view = View(
+            depth_m=np.full(shape, np.nextafter(limit_m, np.inf)),
+            directions=directions[:, None],
+            points_m=np.empty((*shape, 3)),
+            targets=np.full(shape, NO_TARGET, dtype=np.int64),
+            elements=np.zeros(shape, dtype=np.int64),
+            instance_ids=np.zeros(shape, dtype=np.uint32),
+        )
+        for rows in bands(*shape):
+            band = view.rows(rows)
+            origins = origins_m if origins_m.ndim == 1 else origins_m[rows]
+            for index in range(len(self._targets)):
+                self._cast_at(index, origins, band, None)
+            band.depth_m[band.targets == NO_TARGET] = np.inf
+            with np.errstate(invalid="ignore"):
+                np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
+            band.points_m[:, 0] += origins
+        return view
+
+    def _cast_at(
+        self, index: int, origins_m: FloatArray, view: View, pixels: NDArray[np.bool_] | None
+    ) -> None:
+        """Cast the rays of some pixels, or of all, at one target, and keep nearer hits.
+
+        ``origins_m`` is (3,), or (R, 3) if ``pixels`` is None.
+        """
+        if pixels is not None and not pixels.any():
+            return
+        target = self._targets[index]
+        rays: Any = slice(None) if pixels is None else np.flatnonzero(pixels)
+        depth_m = view.depth_m.reshape(-1)
+        limits = depth_m[rays]
+        directions = view.directions.reshape(-1, 3)[rays]
+        found_m, elements = target.intersect(origins_m, directions, limits)
+        nearer = np.flatnonzero(found_m < limits)
+        elements = elements[nearer]
+        seen = nearer if pixels is None else rays[nearer]
+        depth_m[seen] = found_m[nearer]
+        view.targets.reshape(-1)[seen] = index
+        view.elements.reshape(-1)[seen] = elements
+        view.instance_ids.reshape(-1)[seen] = target.instance_ids_of(elements)
+
+    def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
+        """Return the (H, W) semantic ids of a view: of objects, of the ground's layers, of sky."""
+        scene = self._scene
+        of_placements = [id_of_level(p.semantic_ids, level) for p in scene.placements]
+        of_primitives = [id_of_level(p.semantic_ids, level) for p in scene.primitives]
+        of_instance = InstanceTable(scene, of_placements, of_primitives, np.uint16)
+        ids = np.empty(view.depth_m.shape, np.uint16)
+
+        for rows in bands(*ids.shape):
+            ids[rows] = self._labels(view.rows(rows), of_instance, level)
+        return ids
+
+    def _labels(self, view: View, of_instance: InstanceTable, level: int) -> NDArray[np.uint16]:
+        ids = of_instance(view.instance_ids)
+        ids[view.is_ground] = self._scene.material.semantic_ids_at(
+            view.points_m[view.is_ground][:, :2], level
+        )
+        own = self._scene.sky.ground_semantic_ids
+        if self._far_ground is not None and own is not None:
+            ids[view.targets == len(self._targets) - 1] = id_of_level(own, level)
+        ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
+        return ids
+
+    def normals(self, view: View) -> FloatArray:
+        """Return the (H, W, 3) unit normals in ``map``, facing the camera; 0 without a hit."""
+        normals = np.zeros_like(view.points_m)
+        for index, target in enumerate(self._targets):
+            seen = view.targets == index
+            if seen.any():
+                normals[seen] = target.normals_of(view.elements[seen], view.points_m[seen])
+        away = (normals * view.directions).sum(axis=-1) > 0
+        normals[away] *= -1
+        return normals
+
+    def height_m(self, xy_m: FloatArray) -> FloatArray:
+        """Return the (N,) heights of the topmost surface at (N, 2) points, NaN where there is none.
+
+        Land beyond the stage counts, but not a plain.
+        """
+        height_m = self._scene.ground.height_at(xy_m)
+        for target in self._targets:
+            height_m = np.fmax(height_m, target.surface_height_m(xy_m))
+        return height_m
+
+    def mesh(self) -> TriangleMesh:
+        """Return all triangles with ids.
+
+        Solids are tessellated; a triangle of the ground has the semantic id at its centroid.
+        """
+        ground = self._ground or ground_mesh(self._scene)
+        centres_m = ground.vertices_m[ground.triangles, :2].mean(axis=1)
+        labelled = replace(
+            ground,
+            semantic_ids=self._scene.material.semantic_ids_at(centres_m),
+            instance_ids=np.zeros(len(ground.triangles), dtype=np.uint32),
+        )
+        solids = [
+            merged_instances(
+                tessellated(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id])
+            )
+            for p in self._scene.primitives
+        ]
+        return merge_meshes([labelled, *self._objects.meshes(), *solids])
+
+
+def ground_mesh(scene: Scene) -> TriangleMesh:
+    """Return the ground's triangles, without ids."""
+    return TriangleMesh(scene.ground.vertices_m().astype(np.float64), scene.ground.triangles())
+
+
+def _ground_target(
+    scene: Scene, ground: TriangleMesh | None
+) -> tuple[TriangleMesh | None, TriangleTarget]:
+    """Return the ground's ray target, and its mesh unless the scene's own has the same values."""
+    mesh = ground_mesh(scene)
+    if isinstance(scene.ground, HeightField) and (ground is None or _is_same(ground, mesh)):
+        return None, HeightFieldTarget(scene.ground, mesh, _bvh_builder(mesh))
+    mesh = ground or mesh
+    return mesh, TriangleTarget([mesh], _bvh_builder(mesh))
+
+
+def _is_same(one: TriangleMesh, other: TriangleMesh) -> bool:
+    """Return whether two meshes have the same vertices and triangles."""
+    arrays = (one.vertices_m, other.vertices_m), (one.triangles, other.triangles)
+    return all(np.array_equal(*each) for each in arrays)
+
+
+def _bvh_builder(ground: TriangleMesh) -> BvhBuilder | None:
+    embree = blenders_embree() if len(ground.triangles) >= LARGE_TRIANGLES else None
+    return None if embree is None else embree.mesh
+
+
+def bands(height_px: int, width_px: int) -> Iterator[slice]:
+    """Yield slices of rows that cover an image; raise between them if the work was cancelled."""
+    rows = max(1, BAND_PIXELS // width_px)
+    for first in range(0, height_px, rows):
+        stop_if_unwanted()
+        yield slice(first, min(first + rows, height_px))

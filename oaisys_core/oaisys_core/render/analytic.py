@@ -1,0 +1,164 @@
+"""The backend without Blender: exact depth and labels in milliseconds, and simply shaded colour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+import oaisys_core
+from oaisys_core import randomness
+from oaisys_core.color import encoded
+from oaisys_core.errors import NotReadyError
+from oaisys_core.procedural.environment.light import white_gains
+from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.render.base import Backend, FrameGroup
+from oaisys_core.render.geometry_pass import PoseMemory, frame_of, frames_of
+from oaisys_core.render.lidar import LidarCaster
+from oaisys_core.render.shading.shading import Palette, shaded
+from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
+from oaisys_core.sensing.effects import with_effects
+from oaisys_core.sensing.exposure import metered_ev
+from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.render_settings import RenderSettings
+from oaisys_core.types import (
+    ALBEDO,
+    COLORS,
+    RGB,
+    FloatArray,
+    Frame,
+    LidarScan,
+    Progress,
+    ProgressCallback,
+    TriangleMesh,
+)
+
+
+class AnalyticBackend(Backend):
+    """Casts rays at the scene itself: closed forms where there are some, else its triangles.
+
+    Colour has no textures and no shadows: Lambert's law under sun, sky and lamps, with the mean
+    colour of each texture. Quality, samples and bounces do not matter to it; exposure does.
+    """
+
+    name = "analytic"
+
+    def __init__(self) -> None:
+        self._surface: Surface | None = None
+        self._palette: Palette | None = None
+        self._memory = PoseMemory()
+        self._lidars = LidarCaster()
+        self.exposures_ev: dict[str, float] = {}
+
+    @property
+    def version(self) -> str:
+        """The package's version."""
+        return oaisys_core.__version__
+
+    def build(self, scene: Scene, progress: ProgressCallback) -> None:
+        """Replace the world by ``scene``."""
+        surface = self._surface
+        self.close()
+        progress(Progress("ground", 0.0))
+        if surface is not None and stands_on(surface.scene, scene):
+            surface.start_batch(scene)
+        else:
+            surface = Surface(scene, None)
+        progress(Progress("colours", 0.9))
+        self._palette = Palette(scene)
+        self._surface = surface
+
+    def update(self, scene: Scene) -> None:
+        """See `Backend.update`."""
+        surface, palette = self._built()
+        if scene.ground is surface.scene.ground:
+            surface.update_objects(scene)
+        else:
+            surface.update(scene, None)
+        palette.update(scene)
+
+    def render(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+    ) -> Iterator[FrameGroup]:
+        """See `Backend.render`."""
+        surface, palette = self._built()
+        geometry: list[Frame] = []
+        views: dict[str, View] = {}
+        self.exposures_ev = {}
+        for index, camera in enumerate(cameras):
+            progress(Progress("rays", 0.5 * index / len(cameras)))
+            view = surface.view(camera)
+            geometry.extend(frames_of(surface, view, camera, self._memory).values())
+            if COLORS.intersection(camera.modalities):
+                views[camera.name] = view
+        if geometry:
+            yield FrameGroup.of(geometry)
+        for index, camera in enumerate(cameras):
+            progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
+            if camera.name in views:
+                view = views.pop(camera.name)
+                frames = _colors(surface, palette, view, camera, settings, self.exposures_ev)
+                yield FrameGroup.of(frames)
+        self._memory.remember(cameras, surface.scene)
+
+    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+        """See `Backend.scan`."""
+        return self._lidars.scan(self._built()[0], lidar, shot)
+
+    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
+        """See `Backend.revisited`."""
+        self._memory.remember(cameras, self._built()[0].scene)
+
+    def withdrawn(self) -> None:
+        """See `Backend.withdrawn`."""
+        self._memory.withdraw()
+
+    def ground_truth_mesh(self) -> TriangleMesh:
+        """Return ground, objects and tessellated solids with ids per triangle."""
+        return self._built()[0].mesh()
+
+    def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
+        """See `Backend.surface_height_m`."""
+        return self._built()[0].height_m(xy_m)
+
+    def close(self) -> None:
+        """Drop the world."""
+        self._surface = self._palette = None
+        self._memory.forget()
+        self._lidars.forget()
+
+    def _built(self) -> tuple[Surface, Palette]:
+        if self._surface is None or self._palette is None:
+            raise NotReadyError("the analytic backend has no scene: build one first")
+        return self._surface, self._palette
+
+
+def _colors(
+    surface: Surface,
+    palette: Palette,
+    view: View,
+    camera: PlacedCamera,
+    settings: RenderSettings,
+    exposures_ev: dict[str, float],
+) -> tuple[Frame, ...]:
+    """Return the frames of a view that show colours, and note the exposure of its picture."""
+    frames = []
+    if RGB in camera.modalities:
+        radiance = shaded(view, surface.normals(view), palette, surface.scene)
+        if settings.white_balance == "illuminant":
+            radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
+        exposure_ev = settings.exposure_ev
+        if exposure_ev is None:
+            picture = radiance.astype(np.float32)
+            exposure_ev = metered_ev(picture, view.is_hit, settings.auto_exposure)
+        exposures_ev[camera.name] = exposure_ev
+        image = encoded(radiance * 2.0**exposure_ev)
+        rng = randomness.stream(settings.noise_seed, camera.name)
+        image = with_effects(image, settings.effects, camera.intrinsics, rng)
+        frames.append(frame_of(camera, RGB, image))
+    if ALBEDO in camera.modalities:
+        frames.append(frame_of(camera, ALBEDO, encoded(palette.albedo(view))))
+    return tuple(frames)

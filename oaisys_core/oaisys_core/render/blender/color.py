@@ -1,0 +1,209 @@
+"""The colour modalities of a camera, rendered with Cycles."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core import randomness
+from oaisys_core.errors import RenderError
+from oaisys_core.procedural.environment.light import white_gains
+from oaisys_core.render.blender.camera import (
+    camera_image,
+    moving,
+    new_camera,
+    place,
+    rendered_pinhole,
+    scaled_pinhole,
+    set_intrinsics,
+    set_lens,
+    set_pixel_angle,
+    shutter_motion,
+)
+from oaisys_core.render.blender.cycles import Cycles, albedo_of
+from oaisys_core.render.blender.ground_check import GroundCheck, GroundPlaces
+from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.objects.sky import Lights
+from oaisys_core.render.blender.postprocessing import RenderResult
+from oaisys_core.render.blender.time_budget import (
+    DenoisingQuality,
+    TimeBudget,
+    ViewCost,
+    denoising_quality_for,
+    lowest_quality,
+)
+from oaisys_core.render.geometry_pass import BackgroundGeometry
+from oaisys_core.scene import Lens, PlacedCamera, Scene
+from oaisys_core.sensing.effects import with_effects
+from oaisys_core.sensing.render_settings import RenderSettings
+from oaisys_core.types import PinholeIntrinsics
+
+
+class ColorImages(NamedTuple):
+    """What was rendered of a camera's colour.
+
+    Attributes:
+        images: (H, W, 3) sRGB bytes of colour, and of albedo if it was asked for.
+        samples_per_pixel: How many samples colour has.
+        exposure_ev: Exposure of colour, in stops.
+    """
+
+    images: list[NDArray[np.uint8]]
+    samples_per_pixel: int
+    exposure_ev: float
+
+
+class ColorRenderer:
+    """Renders colour and albedo with Blender's camera, in the time that is left for them.
+
+    It learns from each view how much another one like it takes.
+
+    Attributes:
+        ground_check: Checks each image.
+    """
+
+    def __init__(self, cycles: Cycles, lights: Lights) -> None:
+        self._cycles = cycles
+        self.ground_check = GroundCheck()
+        self._lights = lights
+        self._camera = new_camera()
+        self._budget = TimeBudget()
+
+    def world_changed(self) -> None:
+        """Forget what the views of another world took."""
+        self._budget.world_changed()
+
+    def color(
+        self,
+        scene: Scene,
+        camera: PlacedCamera,
+        settings: RenderSettings,
+        seconds: float,
+        *,
+        with_albedo: bool,
+        geometry: BackgroundGeometry | None,
+        places: Future[GroundPlaces],
+        ground: Future[PixelAlbedo | None] | None,
+    ) -> ColorImages:
+        """Return what a camera sees.
+
+        Args:
+            scene: The world that Blender has.
+            camera: The camera.
+            settings: How to render.
+            seconds: How long it may take.
+            with_albedo: Whether its albedo is wanted, too, from the same render.
+            geometry: What another thread computes meanwhile.
+            places: Where the camera sees ground that reflects light.
+            ground: The ground's albedo without noise, where colour becomes better by it.
+
+        Raises:
+            RenderError: See `Cycles.render_radiance`; or ground is black.
+        """
+        began_s = time.perf_counter()
+        pinhole = rendered_pinhole(camera.intrinsics)
+        plan = self._budget.plan(_pixels(pinhole), seconds)
+        rendered = scaled_pinhole(pinhole, plan.scale)
+        self._aim(camera, rendered, camera.lens)
+        started_s = time.perf_counter()
+        with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
+            light = self._cycles.render_radiance(settings, plan.sampling_s, with_albedo=with_albedo)
+        self._check(light, camera, places)
+        denoising = denoising_quality_for(settings.samples)
+        if settings.time_budget_s is not None:
+            left_s = began_s + seconds - time.perf_counter()
+            spare = self._budget.denoising_quality(
+                _pixels(rendered), light.samples, left_s, seconds
+            )
+            denoising = lowest_quality(denoising, spare)
+        # An image of fewer pixels, which a short time budget asks for, has no albedo of its own.
+        albedo = ground.result() if ground is not None and rendered is pinhole else None
+        is_balanced = settings.white_balance == "illuminant"
+        gains = white_gains(scene.sky, scene.lamps) if is_balanced else None
+        picture = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo, gains)
+        self._learn(rendered, light, started_s, denoising, geometry)
+        image = camera_image(picture.pixels, pinhole, camera.intrinsics)
+        rng = randomness.stream(settings.noise_seed, camera.name)
+        images = [with_effects(image, settings.effects, camera.intrinsics, rng)]
+        if with_albedo:
+            images.append(camera_image(albedo_of(light), pinhole, camera.intrinsics))
+        samples = settings.samples if settings.time_budget_s is None else light.samples
+        return ColorImages(images, samples, picture.exposure_ev)
+
+    def albedo(
+        self,
+        scene: Scene,
+        camera: PlacedCamera,
+        settings: RenderSettings,
+        seconds: float,
+        places: Future[GroundPlaces],
+    ) -> NDArray[np.uint8]:
+        """Return the reflectance that a camera sees, without depth of field or motion blur.
+
+        See `color`.
+        """
+        pinhole = rendered_pinhole(camera.intrinsics)
+        plan = self._budget.plan(_pixels(pinhole), seconds)
+        self._aim(camera, pinhole, None)
+        # Haze is part of the materials' colours.
+        if scene.sky.haze is not None:
+            self._lights.set(replace(scene.sky, haze=None))
+        sharp = replace(camera, shutter_share=0.0, exposure_s=0.0)
+        try:
+            with moving(self._camera, shutter_motion(sharp, pinhole, pinhole)):
+                found = self._cycles.render_albedo(settings, plan.sampling_s)
+        finally:
+            if scene.sky.haze is not None:
+                self._lights.set(scene.sky)
+        self._check(found, camera, places)
+        return camera_image(albedo_of(found), pinhole, camera.intrinsics)
+
+    def _check(
+        self, found: RenderResult, camera: PlacedCamera, places: Future[GroundPlaces]
+    ) -> None:
+        """Raise if ground is black; Cycles starts anew then."""
+        try:
+            self.ground_check.check(places.result(), found, camera.name)
+        except RenderError:
+            self._cycles.free_persistent_data()
+            raise
+
+    def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
+        """Make Blender's camera one with such a lens, where ``camera`` stands."""
+        place(self._camera, camera.T_map_camera)
+        set_intrinsics(self._camera, pinhole)
+        set_lens(self._camera, lens)
+        # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
+        set_pixel_angle(camera.intrinsics)
+
+    def _learn(
+        self,
+        pinhole: PinholeIntrinsics,
+        light: RenderResult,
+        started_s: float,
+        denoising: DenoisingQuality,
+        geometry: BackgroundGeometry | None,
+    ) -> None:
+        """Remember what the last view took since it was started."""
+        if light.samples:
+            sampling_s = light.sampling_ended_s - light.sampling_began_s
+            self._budget.learn(
+                ViewCost(
+                    pixels=_pixels(pinhole),
+                    samples=light.samples,
+                    preparing_s=light.sampling_began_s - started_s,
+                    sampling_s=sampling_s,
+                    finishing_s=time.perf_counter() - light.sampling_ended_s,
+                    denoising=denoising,
+                    beside_s=geometry.cost_s(sampling_s) if geometry is not None else 0.0,
+                )
+            )
+
+
+def _pixels(pinhole: PinholeIntrinsics) -> int:
+    return pinhole.width_px * pinhole.height_px

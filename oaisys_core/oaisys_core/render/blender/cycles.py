@@ -1,0 +1,379 @@
+"""Colour images by Cycles, without a scene update for each setting and without image files."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import logging
+import os
+import re
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import bpy
+import numpy as np
+from cycles import CyclesRender
+from numpy.typing import NDArray
+
+from oaisys_core.color import encoded
+from oaisys_core.errors import RenderError
+from oaisys_core.render.blender.compat import DIFFUSE_COLOR
+from oaisys_core.render.blender.cycles_errors import noted_errors
+from oaisys_core.render.blender.cycles_session import end_sampling
+from oaisys_core.render.blender.devices import use_device
+from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.postprocessing import (
+    BACKGROUND_M,
+    CYCLES_WIDTH_PX,
+    DEPTH,
+    SAMPLED_WIDTH_PX,
+    Denoiser,
+    RenderResult,
+    blenders_denoiser,
+    denoised,
+    pass_of,
+)
+from oaisys_core.render.blender.time_budget import DenoisingQuality
+from oaisys_core.render.blender.tone_mapping import (
+    BASE_EXPOSURE_EV,
+    VIEW_TRANSFORMS,
+    ExposedImage,
+    picture_of,
+)
+from oaisys_core.scene.sky import Color
+from oaisys_core.sensing.render_settings import Device, RenderSettings
+from oaisys_core.system.interruption import stop_if_unwanted, stopped_by
+
+_SAMPLE = re.compile(r"Sample (\d+)/\d+")
+
+SHORTEST_PATTERN, LONGEST_PATTERN = 256, 8192
+"""Lengths of the table of Cycles' sampling pattern, which is a power of two."""
+
+READ_ALWAYS = {"samples", "time_limit"}
+"""Settings that Cycles reads before each render; the others need an update of the scene."""
+
+
+class Cycles:
+    """Renders colour, and keeps Cycles' copy of the scene between views."""
+
+    def __init__(self) -> None:
+        self._wanted: Device | None = None
+        self._pattern_length = 0
+        self._lights: tuple[object, ...] = ()
+        self._last_exposure_ev = 0.0
+        self.device: Device = "cpu"
+        scene = bpy.context.scene
+        render = scene.render
+        render.engine = "CYCLES"
+        render.use_persistent_data = True
+        render.use_compositing = render.use_sequencer = False
+        layer = bpy.context.view_layer
+        # The meter tells the sky by it.
+        layer.use_pass_z = True
+        # For the denoiser, and to tell ground whose shader failed.
+        layer.cycles.denoising_store_passes = True
+        # Denoising tells by them what samples see by chance.
+        layer.use_pass_material_index = layer.use_pass_glossy_color = True
+        # They are those of the first surface, however clear it is.
+        layer.pass_alpha_threshold = 0.0
+        render.threads_mode = "AUTO"
+        cycles = scene.cycles
+        cycles.use_adaptive_sampling = False
+        # There is only the sun to sample, see `use_lamps`.
+        cycles.use_light_tree = False
+        cycles.debug_use_spatial_splits = True
+        # The automatic pattern depends on the number of samples of an earlier render.
+        cycles.sampling_pattern = "TABULATED_SOBOL"
+        cycles.sample_clamp_indirect = 10.0
+        cycles.caustics_reflective = cycles.caustics_refractive = False
+        # Only used on GPUs, which denoise faster themselves.
+        cycles.denoiser = "OPENIMAGEDENOISE"
+        cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+        cycles.denoising_prefilter = cycles.denoising_quality = "FAST"
+
+    def free_persistent_data(self) -> None:
+        """Free what Cycles keeps between views, which includes parts of removed worlds."""
+        render = bpy.context.scene.render
+        render.use_persistent_data = False
+        render.use_persistent_data = True
+        self._pattern_length = 0
+
+    def use_lamps(self, kinds: Sequence[str], *, has_sun: bool) -> None:
+        """Say which lights the scene has: the kinds of its lamps in their order, and the sun.
+
+        Cycles keeps lights in the order in which it met them, on which its sampling depends. It
+        starts anew where other lights might have left another order.
+        """
+        lights = (has_sun, *kinds) if kinds else ()
+        if lights == self._lights:
+            return
+        self._lights = lights
+        bpy.context.scene.cycles.use_light_tree = bool(kinds)
+        self.free_persistent_data()
+
+    def render_radiance(
+        self, settings: RenderSettings, seconds: float = 0.0, *, with_albedo: bool = False
+    ) -> RenderResult:
+        """Render the radiance that the scene's camera sees.
+
+        Args:
+            settings: Quality, exposure and seed.
+            seconds: Time limit of sampling, after at least one sample per pixel; 0: none.
+            with_albedo: Whether the result has what `albedo_of` needs, too.
+
+        Raises:
+            RenderError: Blender failed.
+        """
+        self._show_as(settings)
+        with _diffuse_color_pass() if with_albedo else nullcontext():
+            return self._render(settings, seconds, denoise=settings.denoise)
+
+    def denoise_and_tonemap(
+        self,
+        rendered: RenderResult,
+        settings: RenderSettings,
+        denoising: DenoisingQuality,
+        ground: PixelAlbedo | None = None,
+        gains: Color | None = None,
+    ) -> ExposedImage:
+        """Return the picture of what `render_radiance` gave with the same settings.
+
+        Args:
+            rendered: The passes.
+            settings: Those of the render.
+            denoising: See `Denoiser.denoise`.
+            ground: Albedo without noise, where it is known.
+            gains: Factors on red, green and blue for the white balance.
+
+        Raises:
+            RenderError: The passes are missing, or denoising failed.
+        """
+        radiance = denoised(rendered, settings, self._denoiser(), denoising, ground)
+        if gains is not None:
+            radiance = radiance[..., :3] * np.array(gains, np.float32)
+        is_surface = pass_of(rendered, DEPTH)[..., 0] < BACKGROUND_M
+        picture = picture_of(radiance, is_surface, settings)
+        self._last_exposure_ev = picture.exposure_ev
+        return picture
+
+    def show_last_exposure(self) -> None:
+        """Set Blender's exposure to that of the last picture, for a scene that is saved."""
+        bpy.context.scene.view_settings.exposure = BASE_EXPOSURE_EV + self._last_exposure_ev
+
+    def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
+        """Render the albedo that the scene's camera sees, see `albedo_of`.
+
+        Raises:
+            RenderError: See `render_radiance`.
+        """
+        with _diffuse_color_pass():
+            return self._render(settings, seconds, denoise=False)
+
+    def _show_as(self, settings: RenderSettings) -> None:
+        """Set Blender's view transform, so that a saved scene looks like the images."""
+        view = bpy.context.scene.view_settings
+        view_transform, look = VIEW_TRANSFORMS[settings.view_transform]
+        if (view.view_transform, view.look) != (view_transform, look):
+            view.view_transform, view.look = view_transform, look
+
+    def _render(self, settings: RenderSettings, seconds: float, denoise: bool) -> RenderResult:
+        if settings.device != self._wanted:
+            self._wanted, self.device = settings.device, use_device(settings.device)
+        denoise_after = denoise and self._denoiser() is not None
+        wanted: dict[str, Any] = {
+            "samples": settings.samples,
+            "time_limit": seconds,
+            "seed": settings.seed,
+            "use_denoising": denoise and not denoise_after,
+            # The same for albedo and colour, because a change marks the whole scene as changed.
+            "filter_width": SAMPLED_WIDTH_PX if settings.denoise else CYCLES_WIDTH_PX,
+        }
+        self._prepare_pattern(settings.samples)
+        for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
+            wanted[f"{kind}_bounces"] = settings.max_bounces
+        try:
+            return render_scene(wanted)
+        except RenderError:
+            # Cycles keeps what failed, and would not say so again.
+            self.free_persistent_data()
+            raise
+
+    def _prepare_pattern(self, samples: int) -> None:
+        """Have Cycles start anew where its table of the sampling pattern is too long.
+
+        Cycles only ever lengthens the table, whose values depend on its length: a picture would
+        depend on those before it.
+        """
+        length = 1 << (samples - 1).bit_length()
+        length = min(max(length, SHORTEST_PATTERN), LONGEST_PATTERN)
+        if length < self._pattern_length:
+            self.free_persistent_data()
+        self._pattern_length = length
+
+    def _denoiser(self) -> Denoiser | None:
+        """Return the denoiser that runs after Cycles; None on a GPU, where Cycles denoises."""
+        return blenders_denoiser() if self.device == "cpu" else None
+
+
+def albedo_of(rendered: RenderResult) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) sRGB-encoded albedo of a render that kept it."""
+    return encoded(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))
+
+
+@contextmanager
+def _diffuse_color_pass() -> Iterator[None]:
+    """Have renders keep the colour of diffuse surfaces."""
+    layer = bpy.context.view_layer
+    layer.use_pass_diffuse_color = True
+    try:
+        yield
+    finally:
+        layer.use_pass_diffuse_color = False
+
+
+def render_scene(settings: Mapping[str, Any]) -> RenderResult:
+    """Render the scene's camera with settings of Cycles, by their names in ``scene.cycles``.
+
+    Blender renders an evaluated copy of the scene, and copies changed settings only if the whole
+    scene is marked as changed, after which Cycles updates every object. Settings are therefore
+    written into the copy as well.
+
+    Raises:
+        RenderError: Blender failed, or Cycles logged an error.
+        OaisysError: The render was no longer wanted.
+    """
+    _write(settings, bpy.context.scene.cycles)
+    rendered = RenderResult()
+    try:
+        with _intercepted(settings, rendered), _counted(rendered), _without_c_output():
+            bpy.ops.render.render()
+    except RuntimeError as error:
+        raise RenderError(f"Blender could not render: {error}") from error
+    if rendered.errors:
+        raise RenderError(f"Cycles: {'; '.join(rendered.errors)}")
+    stop_if_unwanted()
+    return rendered
+
+
+@contextmanager
+def _intercepted(settings: Mapping[str, Any], rendered: RenderResult) -> Iterator[None]:
+    """Wrap the two methods of the Cycles add-on that Blender calls during a render."""
+    update, render = CyclesRender.update, CyclesRender.render
+
+    def update_with_settings(engine: Any, data: Any, depsgraph: Any) -> None:
+        if not _write(settings, depsgraph.scene_eval.cycles) and _only_camera_moved(depsgraph):
+            # Clears the marks of change, for which Cycles would visit every object and instance;
+            # it updates the camera in any case.
+            depsgraph.update()
+        with noted_errors() as errors:
+            update(engine, data, depsgraph)
+        rendered.errors += errors
+
+    def render_and_read(engine: Any, depsgraph: Any) -> None:
+        def stop() -> None:
+            # Before, Cycles copies the scene, which it keeps for the next render.
+            if rendered.sampling_began_s:
+                end_sampling(engine.session)
+
+        with noted_errors() as errors, stopped_by(stop):
+            render(engine, depsgraph)
+        rendered.errors += errors
+        result = engine.get_result()
+        if result is not None:
+            rendered.passes = _passes_of(result)
+
+    CyclesRender.update, CyclesRender.render = update_with_settings, render_and_read
+    try:
+        yield
+    finally:
+        CyclesRender.update, CyclesRender.render = update, render
+
+
+def _write(settings: Mapping[str, Any], cycles: Any) -> bool:
+    """Set what differs, and return whether Cycles must update the scene for it."""
+    changed = [name for name, value in settings.items() if getattr(cycles, name) != value]
+    for name in changed:
+        setattr(cycles, name, settings[name])
+    return bool(set(changed) - READ_ALWAYS)
+
+
+def _only_camera_moved(depsgraph: Any) -> bool:
+    """Return whether nothing but the camera and its lens is marked as changed."""
+    scene = depsgraph.scene_eval
+    if scene.render.use_motion_blur:
+        return False
+    camera = scene.camera
+    known = {camera.original, camera.data.original}
+    return all(update.id.original in known for update in depsgraph.updates)
+
+
+def _passes_of(result: Any) -> dict[str, NDArray[np.float32]]:
+    passes = {}
+    for layer in result.layers:
+        for given in layer.passes:
+            pixels = np.empty(
+                result.resolution_x * result.resolution_y * given.channels, np.float32
+            )
+            given.rect.foreach_get(pixels)
+            shape = (result.resolution_y, result.resolution_x, given.channels)
+            passes[given.name] = pixels.reshape(shape)[::-1]
+    return passes
+
+
+@contextmanager
+def _counted(rendered: RenderResult) -> Iterator[None]:
+    """Record the number and times of samples that Cycles reports while it renders."""
+
+    def read(text: str, *_: Any) -> None:
+        counted = _SAMPLE.search(str(text))
+        if counted is None:
+            return
+        samples = int(counted[1])
+        if not rendered.sampling_began_s:
+            rendered.sampling_began_s = rendered.sampling_ended_s = time.perf_counter()
+        # After the last sample, Cycles reports from 1 again.
+        if samples > rendered.samples:
+            rendered.samples, rendered.sampling_ended_s = samples, time.perf_counter()
+
+    bpy.app.handlers.render_stats.append(read)
+    try:
+        yield
+    finally:
+        bpy.app.handlers.render_stats.remove(read)
+
+
+@contextmanager
+def _without_c_output() -> Iterator[None]:
+    """Drop the output of C code, but not that of Python in any thread.
+
+    Blender 4.5 prints a line for each step of a render and has no option against it. This replaces
+    the stream of the C library and not file descriptor 1, which belongs to the program. If debug
+    logging is on, the output goes to standard error.
+    """
+    streams = _c_streams()
+    if streams is None:
+        yield
+        return
+    output, errors, nowhere = streams
+    kept = output.value
+    output.value = errors.value if logging.getLogger().isEnabledFor(logging.DEBUG) else nowhere
+    try:
+        yield
+    finally:
+        output.value = kept
+
+
+@functools.cache
+def _c_streams() -> tuple[ctypes.c_void_p, ctypes.c_void_p, int] | None:
+    """Return the C library's stdout and stderr, and a null stream; None if it has other names."""
+    library = ctypes.CDLL(None)
+    try:
+        output = ctypes.c_void_p.in_dll(library, "stdout")
+        errors = ctypes.c_void_p.in_dll(library, "stderr")
+    except ValueError:
+        return None
+    library.fopen.restype = ctypes.c_void_p
+    nowhere = library.fopen(os.devnull.encode(), b"w")
+    return None if nowhere is None else (output, errors, int(nowhere))

@@ -1,0 +1,291 @@
+"""The ground's albedo over the pixels of a view, as its material has it, but without noise.
+
+Cycles looks textures up at one point of each sample, whose noise remains in the albedo of few
+samples per pixel. Here, several points of each pixel are averaged, at the same level of detail.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import linear
+from oaisys_core.procedural.contact_map import ContactMap
+from oaisys_core.procedural.terrain.macro_variation import LEAST, MOST
+from oaisys_core.procedural.textures.borders import (
+    LEAST_HEIGHT,
+    MOST_HEIGHT,
+    NEGLIGIBLE,
+    LayerBorder,
+    borders,
+    keys,
+    mixed,
+)
+from oaisys_core.procedural.textures.levels import level_at
+from oaisys_core.raycast.surface import View, bands
+from oaisys_core.render.blender.materials.ground import footprints_m, varies
+from oaisys_core.render.blender.materials.ground_layer import (
+    VARIATION_TILES,
+    VARIATION_TURN_RAD,
+)
+from oaisys_core.render.blender.materials.ground_level import STEEP_COS
+from oaisys_core.render.blender.materials.images import ImageStore
+from oaisys_core.render.blender.materials.surfaces import is_glossy
+from oaisys_core.render.shading.shading import in_haze
+from oaisys_core.scene.sky import Sky
+from oaisys_core.scene.terrain_material import PbrMaps, TerrainMaterial
+from oaisys_core.scene.tiling import PlainTiling
+from oaisys_core.types import FloatArray
+
+Image = NDArray[np.float32]
+
+ROWS_BESIDE = (-0.25, 0.0, 0.25)
+"""Places in a pixel, in rows, that are averaged: seen at a slant, texels are flat, not narrow."""
+
+MOST_STEP = 1.2
+"""Largest ratio of the distances of neighbouring pixels that see the same part of the ground."""
+
+GENTLE_COS = STEEP_COS[0] + 0.03
+"""Least vertical component of normals at which no texture is projected from the side."""
+
+UNKNOWN = -1
+"""Level of detail of pixels whose albedo is not computed."""
+
+_HEIGHTS = np.linspace(LEAST_HEIGHT, MOST_HEIGHT, 256)
+LINEAR = np.stack((*[linear(np.arange(256) / 255)] * 3, _HEIGHTS), axis=-1)
+LINEAR = LINEAR.astype(np.float32)[None]
+"""Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
+
+
+class PixelAlbedo(NamedTuple):
+    """Albedo where it is known.
+
+    Attributes:
+        linear: (H, W, 3) float32; as in Cycles, haze attenuates it, and its own light is added.
+        is_known: (H, W) whether it was computed.
+    """
+
+    linear: Image
+    is_known: NDArray[np.bool_]
+
+
+class LandPlaces(NamedTuple):
+    """Where the points of (R, W) pixels are in the masks of the land around a stage.
+
+    Attributes:
+        weights: The masks of all layers but the first, see `LandMasks`.
+        share: Their weight over the stage's masks.
+        columns, rows: Places in them.
+    """
+
+    weights: Image
+    share: Image
+    columns: FloatArray
+    rows: FloatArray
+
+    def weight(self, layer: int) -> Image:
+        """Return the (R, W) weight of a layer."""
+        return _bilinear(self.weights[layer], self.columns, self.rows, cv2.BORDER_WRAP)
+
+
+class GroundAlbedo:
+    """Computes the albedo of the ground where its textures are laid plainly and without gloss.
+
+    Attributes:
+        contact: Where fines lie on the ground, whose albedo is not computed; None: nowhere.
+    """
+
+    contact: ContactMap | None = None
+
+    def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
+        """Take over a material whose nodes were made with ``images``."""
+        self._material = material
+        self._images = images
+        self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
+        self._footprints_m = np.array(footprints_m(material))
+        self._colors: dict[int, NDArray[np.uint8]] = {}
+        self._varies = varies(material)
+        macro, self._macro = material.macro, None
+        if macro is not None:
+            self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
+            self._macro_period_m = macro.period_m
+        self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
+        self._is_plain = [
+            isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
+            for layer in material.layers
+        ]
+
+    def of_view(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo | None:
+        """Return the albedo of a view; None if no layer of the ground has a known one.
+
+        Args:
+            view: What the pixels see.
+            pixel_rad: Angle of a pixel that levels of detail are chosen by.
+            sky: Whose haze is in front of the ground.
+        """
+        if not any(self._is_plain):
+            return None
+        height, width = view.depth_m.shape
+        albedo = np.empty((height, width, 3), np.float32)
+        is_known = np.empty((height, width), np.bool_)
+        for rows in bands(height, width):
+            # Slopes and steps of distance depend on the rows beside.
+            first, end = max(rows.start - 1, 0), min(rows.stop + 1, height)
+            part = self._of_rows(view.rows(slice(first, end)), pixel_rad, sky)
+            wanted = slice(rows.start - first, rows.stop - first)
+            albedo[rows], is_known[rows] = part.linear[wanted], part.is_known[wanted]
+        return PixelAlbedo(albedo, is_known)
+
+    def _of_rows(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo:
+        points_m = np.where(view.is_ground[..., None], view.points_m, 0.0)
+        distance_m = np.where(view.is_ground, view.depth_m, 0.0)
+        distance_m *= np.linalg.norm(view.directions, axis=-1)
+        xy_m = np.ascontiguousarray(points_m[..., :2])
+        weights = self._weights(xy_m)
+        is_known = _is_smooth(distance_m)
+        if self._material.projects_sides:
+            is_known &= _upward(points_m) > GENTLE_COS
+        for weight, is_plain in zip(weights, self._is_plain, strict=True):
+            is_known &= is_plain | (weight <= NEGLIGIBLE)
+        if self.contact is not None:
+            is_known &= ~self.contact.is_near(xy_m)
+        level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
+        albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
+        if sky.haze is not None:
+            clear = albedo[is_known].astype(np.float64)
+            albedo[is_known] = in_haze(clear, distance_m[is_known], sky.haze, sky)
+        return PixelAlbedo(albedo, is_known)
+
+    def _mixed(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
+        """Return the (H, W, 3) colour of all layers where the level of detail is known."""
+        color = np.zeros((*level.shape, 3), np.float32)
+        step_m = np.gradient(xy_m, axis=0)
+        for each in range(len(self._footprints_m)):
+            pixels = level == each
+            seen = np.flatnonzero(pixels.any(axis=1))
+            if not len(seen):
+                continue
+            rows = slice(seen[0], seen[-1] + 1)
+            of_rows = [weight[rows] for weight in weights]
+            present = [bool((pixels[rows] & (each > NEGLIGIBLE)).any()) for each in of_rows]
+            mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
+            for beside in ROWS_BESIDE:
+                mixed += self._color(each, xy_m[rows] + beside * step_m[rows], of_rows, present)
+            mixed *= pixels[rows, :, None] / np.float32(len(ROWS_BESIDE))
+            color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
+        if self._macro is not None:
+            share = _texture(self._macro, xy_m / self._macro_period_m)
+            color *= share * np.float32(MOST - LEAST) + np.float32(LEAST)
+        return color
+
+    def _color(
+        self, level: int, xy_m: FloatArray, weights: list[Image], present: list[bool]
+    ) -> Image:
+        """Return the (R, W, 3) colour at points with (R, W) weights of all layers.
+
+        Layers that are not ``present`` are at none of these points.
+        """
+        result: Any = None
+        below: Any = None
+        for index, (layer, weight) in enumerate(zip(self._material.layers, weights, strict=True)):
+            if not present[index]:
+                continue
+            texel = self._texels(layer.maps, level, xy_m)
+            key = keys(texel[..., 3], weight)
+            if result is None:
+                result, below = texel, key
+                continue
+            factor, below = mixed(key, below, self._borders[level][index - 1])
+            result = result + (texel - result) * factor[..., None]
+        return np.asarray(result[..., :3], np.float32)
+
+    def _weights(self, xy_m: FloatArray) -> list[Image]:
+        """Return the (H, W) weight of each layer by the masks, as `layer_shares` has them."""
+        first = np.ones(xy_m.shape[:2], np.float32)
+        weights: list[Image] = []
+        if len(self._material.layers) > 1:
+            x0, y0, x1, y1 = self._material.extent_m
+            size = self._material.masks.shape[1]
+            x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
+            y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
+            on_land = self._on_land(xy_m)
+            for layer, mask in enumerate(self._material.masks[1:]):
+                weight = _bilinear(mask, x, y, cv2.BORDER_REFLECT)
+                if on_land is not None:
+                    weight += (on_land.weight(layer) - weight) * on_land.share
+                weights.append(weight)
+                first -= weight
+        return [first, *weights]
+
+    def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
+        """Return the places of points in the masks of the land; None if all are on the stage."""
+        land = self._material.land
+        share = None if land is None else land.share_at(xy_m)
+        if land is None or share is None or not share.any():
+            return None
+        return LandPlaces(land.weights[1:], share.astype(np.float32), *land.texels_at(xy_m))
+
+    def _borders_at(self, level: int) -> list[LayerBorder]:
+        seen = [self._seen(each.maps, each.maps.tile_m, level) for each in self._material.layers]
+        return borders([self._images.heights(maps).variance for maps in seen])
+
+    def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
+        """Return the (R, W, 4) colour and heights of a texture set."""
+        image = self._with_heights(self._seen(maps, maps.tile_m, level))
+        return np.asarray(cv2.LUT(_texture(image, xy_m / maps.tile_m), LINEAR))
+
+    def _with_heights(self, seen: PbrMaps) -> NDArray[np.uint8]:
+        if id(seen) not in self._colors:
+            heights = self._images.heights(seen).texels
+            self._colors[id(seen)] = np.dstack((seen.color_srgb, heights))
+        return self._colors[id(seen)]
+
+    def _variation(self, level: int, xy_m: FloatArray) -> Image:
+        """Return the (R, W, 3) factor by which the ground's colour varies slowly."""
+        maps, variation = self._material.layers[0].maps, self._material.variation
+        size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
+        cos, sin = np.cos(VARIATION_TURN_RAD), np.sin(VARIATION_TURN_RAD)
+        height = self._seen(maps, size_m, level).height
+        pattern = _texture(height, xy_m @ np.array([[cos, sin], [-sin, cos]]) / size_m)
+        ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
+        factor = pattern[..., None] * ranges.astype(np.float32)
+        return np.asarray(factor + (1 - ranges / 2).astype(np.float32), np.float32)
+
+    def _seen(self, maps: PbrMaps, tile_m: float, level: int) -> PbrMaps:
+        """Return the maps of a texture at a level of the material, if a tile is so wide."""
+        levels = self._levels[id(maps)]
+        footprint_m = float(self._footprints_m[level])
+        return levels[level_at(replace(maps, tile_m=tile_m), len(levels), footprint_m)]
+
+
+def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:
+    """Return whether pixels and those around them have similar distances, none of which is 0."""
+    distance = distance_m.astype(np.float32)
+    square = np.ones((3, 3), np.uint8)
+    nearest, farthest = cv2.erode(distance, square), cv2.dilate(distance, square)
+    return np.asarray(farthest < np.float32(MOST_STEP) * nearest)
+
+
+def _upward(points_m: FloatArray) -> FloatArray:
+    """Return the (H, W) size of the vertical component of the surface's normals."""
+    normal = np.cross(np.gradient(points_m, axis=0), np.gradient(points_m, axis=1))
+    length = np.linalg.norm(normal, axis=-1)
+    return np.asarray(np.abs(normal[..., 2]) / np.maximum(length, 1e-12))
+
+
+def _texture(image: NDArray[Any], uv_tiles: FloatArray) -> NDArray[Any]:
+    """Return a square texture at (R, W, 2) coordinates; row 0 of the image is the top of a tile."""
+    size = len(image)
+    within = uv_tiles - np.floor(uv_tiles)
+    x, y = within[..., 0] * size - 0.5, (1 - within[..., 1]) * size - 0.5
+    return _bilinear(image, x, y, cv2.BORDER_WRAP)
+
+
+def _bilinear(image: NDArray[Any], x: FloatArray, y: FloatArray, border: int) -> NDArray[Any]:
+    """Return an image, interpolated at (R, W) columns and rows."""
+    places = x.astype(np.float32), y.astype(np.float32)
+    return np.asarray(cv2.remap(image, *places, cv2.INTER_LINEAR, borderMode=border))

@@ -1,0 +1,233 @@
+"""Materials of objects, and the surfaces that these share with the ground."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import linear
+from oaisys_core.render.blender.compat import node_tree_of
+from oaisys_core.render.blender.materials.contact import with_dust
+from oaisys_core.render.blender.materials.haze import through_haze, without_light_sampling
+from oaisys_core.render.blender.materials.images import BYTE, ImageStore, new_image
+from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.render.blender.objects.instances import SIZE
+from oaisys_core.render.shading.shading import mean_color
+from oaisys_core.scene import MeshPrototype, PbrMaps
+
+BOX_BLEND = 0.25
+"""Blend of Blender's box projection between adjacent sides of a rock."""
+
+ROCK_BUMP_M = 0.02
+"""Height range of a rock texture's bump map."""
+
+ROCK_BRIGHTNESS = (0.85, 0.3)
+"""Least brightness factor of a rock, and the range of its random part."""
+
+PLANT_BRIGHTNESS = (0.82, 0.36)
+"""Least brightness factor of a plant, and the range of its random part."""
+
+THROUGH_LEAF = (1.15, 1.1, 0.6)
+"""Colour of light that went through a leaf, relative to that of light that its surface reflects:
+chlorophyll and carotenes absorb blue on the longer way."""
+
+PAINT = "paint"
+"""Name of a mesh's colour attribute or UV map."""
+
+ROUGHNESS = 0.5
+
+BY_CHANCE = 1
+"""Index of materials whose samples are reflected or let through by chance, see `postprocessing`."""
+
+IOR = 1.33
+"""Refractive index of water; ice has 1.31."""
+
+SHINY, DULL = 0.25, 0.6
+"""Roughness up to which a film of water or ice is complete, and from which there is none."""
+
+SHINY_SHARE = 0.01
+"""Ground is rendered with gloss if a larger share of its texture is smoother than `DULL`."""
+
+
+def rock_material(maps: PbrMaps, images: ImageStore, dust_m: float) -> Any:
+    """Return a material that projects a texture from three sides (box projection).
+
+    Texels have the same size on rocks of all scales. A rock's position shifts the texture, so that
+    no two rocks look alike. ``dust_m`` is that of the prototype.
+    """
+    result = new_material(maps.name)
+    tree = NodeTree(node_tree_of(result))
+    info = tree.add("ObjectInfo")
+    position = tree.vector(
+        "MULTIPLY_ADD",
+        tree.add("TexCoord").outputs["Object"],
+        tree.add("Attribute", attribute_type="INSTANCER", attribute_name=SIZE).outputs["Fac"],
+        info.outputs["Location"],
+    )
+    place = tree.scaled(position, 1.0 / maps.tile_m)
+    least, range_ = ROCK_BRIGHTNESS
+    brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
+    airlight: Socket = None
+    surfaces = []
+    levels = images.levels(maps)
+    for level in levels:
+        color = tree.scaled(_box(tree, images.color(level), place).outputs["Color"], brightness)
+        height = _box(tree, images.height(level), place).outputs["Color"]
+        if dust_m:
+            color = with_dust(tree, color, height, dust_m)
+        bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
+        roughness = float(level.roughness.mean()) / 255
+        surface, airlight = diffuse(tree, color, roughness, bump.outputs[0])
+        surfaces.append(surface)
+    texel_m = maps.tile_m / len(maps.color_srgb)
+    bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
+    seen = tree.by_footprint(bounds_m, surfaces)
+    red, green, blue = mean_color(levels[-1])
+    color = tree.scaled((red, green, blue), brightness)
+    mean = tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
+    show(tree, without_detail(tree, seen, mean), airlight)
+    return result
+
+
+def without_detail(tree: NodeTree, seen: Socket, mean: Socket) -> Socket:
+    """Return a surface that diffuse rays see as ``mean``, without texture lookups.
+
+    Indirect light from a surface hardly depends on its detail.
+    """
+    return tree.mixed(tree.add("LightPath").outputs["Is Diffuse Ray"], seen, mean)
+
+
+def plain_material(color_srgb: tuple[float, float, float]) -> Any:
+    """Return a diffuse material of one colour."""
+    result = new_material("plain")
+    red, green, blue = linear(color_srgb)
+    tree = NodeTree(node_tree_of(result))
+    show(tree, *diffuse(tree, (red, green, blue, 1.0), 0.5, None))
+    return result
+
+
+def new_material(name: str) -> Any:
+    """Return an empty material."""
+    material = bpy.data.materials.new(name)
+    without_light_sampling(material)
+    return material
+
+
+def _box(tree: NodeTree, image: Any, place: Socket) -> Any:
+    return tree.add(
+        "TexImage", {"Vector": place}, image=image, projection="BOX", projection_blend=BOX_BLEND
+    )
+
+
+def diffuse(
+    tree: NodeTree, color: Any, roughness: Any, normal: Socket | None
+) -> tuple[Socket, Socket]:
+    """Return a diffuse surface seen through haze, and the airlight in front of it."""
+    color, airlight = through_haze(tree, color)
+    inputs: dict[str | int, Any] = {"Color": color, "Roughness": roughness}
+    if normal is not None:
+        inputs["Normal"] = normal
+    return tree.add("BsdfDiffuse", inputs).outputs[0], airlight
+
+
+def show(tree: NodeTree, surface: Socket, airlight: Socket, height_m: Socket = None) -> None:
+    """Make a surface, plus the airlight in front of it, the output of a material.
+
+    With a height, light sees the surface's normals as if it were raised by so much.
+    """
+    air = tree.add("Emission", {"Color": airlight}).outputs[0]
+    both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
+    outputs: dict[str | int, Any] = {"Surface": both}
+    if height_m is not None:
+        # Materials displace no geometry unless they are told to.
+        inputs: dict[str | int, Any] = {"Height": height_m, "Midlevel": 0.0, "Scale": 1.0}
+        outputs["Displacement"] = tree.add("Displacement", inputs).outputs[0]
+    tree.add("OutputMaterial", outputs)
+
+
+def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
+    """Return a material of a prototype's own colours, stored in its mesh; None without any."""
+    if prototype.color_image_srgb is not None and prototype.uv is not None:
+        result = new_material(prototype.name)
+        tree = NodeTree(node_tree_of(result))
+        color = _from_picture(tree, prototype, mesh)
+    elif prototype.vertex_colors_srgb is not None:
+        result = new_material(prototype.name)
+        tree = NodeTree(node_tree_of(result))
+        color = _from_vertices(tree, prototype, mesh)
+    else:
+        return None
+    if prototype.translucency is not None:
+        _show_leaves(tree, color)
+        return result
+    if prototype.dust_m:
+        color = with_dust(tree, color, 0.5, prototype.dust_m)
+    show(tree, *diffuse(tree, color, ROUGHNESS, None))
+    return result
+
+
+def _show_leaves(tree: NodeTree, color: Socket) -> None:
+    """Let light through leaves; brightness differs from instance to instance."""
+    least, range_ = PLANT_BRIGHTNESS
+    random = tree.add("ObjectInfo").outputs["Random"]
+    color = tree.scaled(color, tree.math("MULTIPLY_ADD", random, range_, least))
+    surface, airlight = diffuse(tree, color, ROUGHNESS, None)
+    through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
+    behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]
+    share = tree.add("Attribute", attribute_name=PAINT).outputs["Alpha"]
+    show(tree, tree.mixed(share, surface, behind), airlight)
+
+
+def _from_picture(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
+    rgb = np.asarray(prototype.color_image_srgb)
+    layer = mesh.uv_layers.new(name=PAINT)
+    layer.uv.foreach_set("vector", np.ascontiguousarray(prototype.uv, np.float32).ravel())
+    pixels = np.ones((*rgb.shape[:2], 4), dtype=np.float32)
+    np.multiply(rgb[::-1], BYTE, out=pixels[..., :3])
+    image = new_image(prototype.name, pixels, is_float=False, is_color=True)
+    place = tree.add("UVMap", uv_map=PAINT).outputs[0]
+    return tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
+
+
+def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
+    paint_vertices(prototype, mesh, prototype.translucency)
+    return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]
+
+
+def paint_vertices(prototype: MeshPrototype, mesh: Any, alpha: NDArray[np.uint8] | None) -> None:
+    """Store a prototype's vertex colours, with (V,) bytes of alpha, as the attribute `PAINT`."""
+    rgb = np.asarray(prototype.vertex_colors_srgb)
+    rgba = np.ones((len(rgb), 4), dtype=np.float32)
+    np.multiply(rgb, BYTE, out=rgba[:, :3])
+    if alpha is not None:
+        np.multiply(alpha, BYTE, out=rgba[:, 3])
+    layer = mesh.color_attributes.new(PAINT, "BYTE_COLOR", "POINT")
+    layer.data.foreach_set("color_srgb", rgba.ravel())
+
+
+def is_glossy(maps: PbrMaps) -> bool:
+    """Return whether a texture set has enough glossy parts to render them."""
+    shiny = np.count_nonzero(maps.roughness < DULL * 255)
+    return bool(shiny > SHINY_SHARE * maps.roughness.size)
+
+
+def add_gloss(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket) -> Socket:
+    """Return a surface under a film of water or ice that reflects by Fresnel's law.
+
+    Args:
+        tree: The material's.
+        surface: Below the film.
+        roughness: 0 to 1; the film fades out between `SHINY` and `DULL`.
+        normal: In ``map``, unit length.
+    """
+    slope = 1 / (DULL - SHINY)
+    film = tree.clamped("MULTIPLY_ADD", roughness, -slope, DULL * slope)
+    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
+    seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
+    inputs: dict[str | int, Socket] = {"Color": seen, "Roughness": roughness, "Normal": normal}
+    mirror = tree.add("BsdfGlossy", inputs).outputs[0]
+    share = tree.math("MULTIPLY", fresnel, film)
+    return tree.freed(share, tree.mixed(share, surface, mirror))

@@ -1,0 +1,104 @@
+"""Shader nodes that hide the repetition of textures, see `oaisys_core.scene.tiling`."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.render.blender.materials.images import new_image
+from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.scene.tiling import CRISPNESS, SHIFTS, StochasticTiling, Tiling, VoronoiTiling
+
+
+class TextureLookup(NamedTuple):
+    """One of the texture lookups that are blended at a point of the ground.
+
+    Attributes:
+        place: Texture coordinates.
+        weight: Blending weight.
+        angle: Rotation of the texture; None: none.
+    """
+
+    place: Socket
+    weight: Socket = 1.0
+    angle: Socket | None = None
+
+
+class TilingNodes:
+    """Adds the nodes of tilings to a tree.
+
+    ``tables`` holds one image per table, by its identity, and may be shared between trees.
+    """
+
+    def __init__(self, tree: NodeTree, tables: dict[int, Any]) -> None:
+        self._tree = tree
+        self._tables = tables
+
+    def lookups(self, tiling: Tiling, place: Socket) -> list[TextureLookup]:
+        """Return the lookups to blend at a point; ``place`` is its position in tiles."""
+        if isinstance(tiling, VoronoiTiling):
+            return self._voronoi(tiling, place)
+        if isinstance(tiling, StochasticTiling):
+            return self._stochastic(tiling, place)
+        return [TextureLookup(place)]
+
+    def _voronoi(self, tiling: VoronoiTiling, place: Socket) -> list[TextureLookup]:
+        tree = self._tree
+        at = tree.scaled(place, 1.0 / tiling.period_tiles)
+        moves = self._lookup(tiling.moves, at, "Closest")
+        weight = self._lookup(tiling.weights, at, "Linear")
+        angle, shift_u, shift_v = tree.add("SeparateColor", {"Color": moves}).outputs
+        weight = tree.component(weight, 0)
+        turned = tree.add(
+            "VectorRotate", {"Vector": place, "Angle": angle}, rotation_type="Z_AXIS"
+        ).outputs[0]
+        moved = tree.vector("ADD", turned, tree.combined(shift_u, shift_v, 0.0))
+        return [
+            TextureLookup(moved, weight, angle),
+            TextureLookup(place, tree.math("SUBTRACT", 1.0, weight)),
+        ]
+
+    def _stochastic(self, tiling: StochasticTiling, place: Socket) -> list[TextureLookup]:
+        tree = self._tree
+        cell = tree.scaled(place, 1.0 / tiling.cell_tiles)
+        x, y = tree.component(cell, 0), tree.component(cell, 1)
+        x = tree.math("MULTIPLY_ADD", y, -1 / sqrt(3), x)
+        y = tree.math("MULTIPLY", y, 2 / sqrt(3))
+        column, row = tree.math("FLOOR", x), tree.math("FLOOR", y)
+        s, t = tree.math("SUBTRACT", x, column), tree.math("SUBTRACT", y, row)
+        rest = tree.math("SUBTRACT", tree.math("SUBTRACT", 1.0, s), t)
+        is_upper = tree.math("LESS_THAN", rest, 0.0)
+        shares = (
+            tree.math("ABSOLUTE", rest),
+            tree.math("MULTIPLY_ADD", is_upper, rest, s),
+            tree.math("MULTIPLY_ADD", is_upper, rest, t),
+        )
+        corner = tree.combined(column, row, 0.0)
+        both = tree.combined(is_upper, is_upper, 0.0)
+        steps: tuple[Socket, ...] = (both, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+        powers = [tree.math("POWER", share, CRISPNESS) for share in shares]
+        total = tree.math("ADD", tree.math("ADD", powers[0], powers[1]), powers[2])
+        lookups = []
+        for step, power in zip(steps, powers, strict=True):
+            centre = (0.5 / SHIFTS, 0.5 / SHIFTS, 0.0)
+            at = tree.vector("MULTIPLY_ADD", tree.vector("ADD", corner, step), 1 / SHIFTS, centre)
+            shift = self._lookup(tiling.shifts, at, "Closest")
+            lookups.append(
+                TextureLookup(tree.vector("ADD", place, shift), tree.math("DIVIDE", power, total))
+            )
+        return lookups
+
+    def _lookup(self, table: NDArray[np.float32], at: Socket, interpolation: str) -> Socket:
+        """Return the colour of a table with up to three values per texel, row 0 at v = 0."""
+        if id(table) not in self._tables:
+            values = table.reshape(*table.shape[:2], -1)
+            pixels = np.ones((*values.shape[:2], 4), np.float32)
+            pixels[..., : values.shape[2]] = values
+            image = new_image("tiling", pixels, is_float=True, is_color=False)
+            self._tables[id(table)] = image
+        image = self._tables[id(table)]
+        node = self._tree.add("TexImage", {"Vector": at}, image=image, interpolation=interpolation)
+        return node.outputs["Color"]

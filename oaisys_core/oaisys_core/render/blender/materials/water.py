@@ -1,0 +1,103 @@
+"""The material of water, and of ground that is wet beside it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.procedural.terrain.noise import spectral
+from oaisys_core.render.blender.compat import node_tree_of
+from oaisys_core.render.blender.materials.haze import through_haze
+from oaisys_core.render.blender.materials.images import new_image
+from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.render.blender.materials.surfaces import (
+    BY_CHANCE,
+    IOR,
+    PAINT,
+    diffuse,
+    new_material,
+    show,
+)
+from oaisys_core.scene import MeshPrototype
+from oaisys_core.types import FloatArray
+
+RIPPLES_PX, RIPPLE_TILES_M = 256, (1.7, 7.3)
+"""Size of the image of ripples, and the edges of its tiles: two copies hide the repetition."""
+
+MOST_SLOPE = 0.16
+"""Standard deviation of the slope at the strongest ripples: sqrt(0.003 + 0.00512 v) for a wind of
+v = 4.5 m/s (Cox and Munk 1954)."""
+
+RIPPLES_TO_M = 8.0
+"""Distance from which ripples are fainter, in inverse proportion."""
+
+ROUGHNESS = 0.06
+"""Of ripples finer than the image."""
+
+WET_DARKENING = 0.45
+"""Share of the light that wet ground reflects less: water between the grains scatters forwards."""
+
+
+def water_material(prototype: MeshPrototype) -> Any:
+    """Return a material that reflects by Fresnel's law and hides the bottom with its depth.
+
+    Light is not refracted, so that depth and labels, which end at the surface, fit the picture.
+    The mesh must have `paint_vertices`, with the opacity as alpha.
+    """
+    water = prototype.water
+    if water is None:
+        raise ValueError(f"{prototype.name} is no water")
+    result = new_material(prototype.name)
+    result.pass_index = BY_CHANCE
+    tree = NodeTree(node_tree_of(result))
+    paint = tree.add("Attribute", attribute_name=PAINT)
+    body, airlight = diffuse(tree, paint.outputs["Color"], 0.5, None)
+    clear = tree.add("BsdfTransparent").outputs[0]
+    below = tree.mixed(paint.outputs["Alpha"], clear, body)
+    normal = _ripples(tree, MOST_SLOPE * water.waves)
+    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
+    seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
+    inputs: dict[str | int, Any] = {"Color": seen, "Roughness": ROUGHNESS, "Normal": normal}
+    mirror = tree.add("BsdfGlossy", inputs).outputs[0]
+    show(tree, tree.mixed(fresnel, below, mirror), airlight)
+    return result
+
+
+def wet(tree: NodeTree, surface: Socket, bank_m: tuple[float, float]) -> Socket:
+    """Return the ground's surface, dark up to the first height and dry from the second on."""
+    low_m, high_m = bank_m
+    height_m = tree.add("SeparateXYZ", {0: tree.add("NewGeometry").outputs["Position"]}).outputs[2]
+    width_m = max(high_m - low_m, 1e-3)
+    share = tree.clamped("MULTIPLY_ADD", height_m, -1 / width_m, high_m / width_m)
+    black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
+    return tree.mixed(tree.math("MULTIPLY", share, WET_DARKENING), surface, black)
+
+
+def _ripples(tree: NodeTree, slope: float) -> Socket:
+    """Return the normal of a rippled level surface with a standard deviation of its slope."""
+    position = tree.add("NewGeometry").outputs["Position"]
+    image = new_image("ripples", _ripple_pixels(), is_float=True, is_color=False)
+    # Further away, a pixel sees many ripples, whose mean slope is small.
+    distance_m = tree.add("CameraData").outputs["View Distance"]
+    near = tree.clamped("DIVIDE", RIPPLES_TO_M, distance_m)
+    slopes: Socket = (0.0, 0.0, 0.0)
+    for tile_m in RIPPLE_TILES_M:
+        place = tree.scaled(position, 1 / tile_m)
+        texel = tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
+        slopes = tree.vector("MULTIPLY_ADD", texel, (slope / 2**0.5, slope / 2**0.5, 0.0), slopes)
+    slopes = tree.vector("ADD", tree.scaled(slopes, near), (0.0, 0.0, 1.0))
+    return tree.vector("NORMALIZE", slopes)
+
+
+@cache
+def _ripple_pixels() -> Any:
+    """Return (N, N, 4) slopes along x and y with standard deviation 1."""
+    height = spectral(RIPPLES_PX, 6, np.random.default_rng(0), 2.2)
+    pixels = np.zeros((RIPPLES_PX, RIPPLES_PX, 4), np.float32)
+    for channel, axis in enumerate((1, 0)):
+        change: FloatArray = np.roll(height, -1, axis) - np.roll(height, 1, axis)
+        pixels[..., channel] = change / change.std()
+    pixels[..., 3] = 1.0
+    return pixels

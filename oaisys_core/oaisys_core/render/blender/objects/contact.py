@@ -1,0 +1,59 @@
+"""Where the ground meets instances, and the dust that it leaves on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.procedural.contact_map import ground_plane, stage_ground
+from oaisys_core.render.blender.materials.images import ImageStore, mean_colors
+from oaisys_core.scene import Scene
+from oaisys_core.types import FloatArray
+
+BED = "bed"
+"""Attribute of an instance, or property of an object: see `GroundContact.bed`."""
+
+DUST = "dust"
+"""Attribute of an instance, or property of an object: see `GroundContact.dust`."""
+
+REACH = 0.35
+"""Distance from an instance's origin at which slopes of the ground are taken, in sizes."""
+
+
+@dataclass(frozen=True)
+class GroundContact:
+    """The ground around (N,) instances.
+
+    Attributes:
+        bed: (N, 3) float32: slopes along x and y, and height above the instance's origin in metres,
+            of a plane through the ground below.
+        dust: (N, 3) float32 linear colour of the ground there.
+    """
+
+    bed: NDArray[np.float32]
+    dust: NDArray[np.float32]
+
+
+class ContactGround:
+    """Finds the contact of instances with the ground of a scene."""
+
+    def __init__(self, scene: Scene, images: ImageStore) -> None:
+        self._ground, self._material = stage_ground(scene), scene.material
+        self._images = images
+
+    @cached_property
+    def _colors(self) -> FloatArray:
+        """(L, 3) mean linear colours of the layers."""
+        return mean_colors(self._material, self._images)
+
+    def __call__(self, T_map_object: FloatArray) -> GroundContact:
+        """Return the contact of instances at (N, 4, 4) poses; level ground outside the stage."""
+        position = T_map_object[:, :3, 3]
+        size_m = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
+        slope, height_m = ground_plane(self._ground, position[:, :2], REACH * size_m)
+        bed = np.column_stack((slope, height_m - position[:, 2]))
+        dust = self._material.weights_at(position[:, :2]) @ self._colors
+        return GroundContact(bed.astype(np.float32), dust.astype(np.float32))

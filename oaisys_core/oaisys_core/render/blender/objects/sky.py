@@ -1,0 +1,193 @@
+"""Sun and sky in Blender: the sun's lamp, and the background shader."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from oaisys_core.procedural.environment.light import plain_radiance, sun_color, veil_radiance
+from oaisys_core.render.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
+from oaisys_core.render.blender.materials.haze import clear_share, set_haze
+from oaisys_core.render.blender.materials.images import new_image
+from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
+from oaisys_core.render.blender.objects.clouds import before_sky
+from oaisys_core.render.shading.shading import LEAST_UP
+from oaisys_core.scene.sky import Color, Haze, Hdri, Sky, SkyImage
+
+MIN_DISC_RAD = 1e-4
+"""Least radius of the sun's disc in images: a point would be infinitely bright."""
+
+
+class Background:
+    """Blender's background shader, which Blender calls the world; rebuilt when the sky changes."""
+
+    def __init__(self) -> None:
+        self._world = bpy.data.worlds.new("world")
+        bpy.context.scene.world = self._world
+        self._image: Any = None
+        self._image_of: SkyImage | None = None
+
+    def set(self, sky: Sky) -> None:
+        """Rebuild the shader for a sky."""
+        self._keep_image(sky.hdri.image if sky.hdri else None)
+        # Only an image may contain a sun that must be sampled as a light; without that, all light
+        # samples go to the lamp.
+        self._world.cycles.sampling_method = "AUTOMATIC" if sky.hdri else "NONE"
+        tree = NodeTree(node_tree_of(self._world))
+        direction = tree.add("TexCoord").outputs["Generated"]
+        ray = _not_below(tree, direction) if sky.shows_plain and sky.dips else direction
+        if sky.hdri is not None:
+            color = self._hdri_color(tree, sky.hdri, ray)
+        else:
+            color = _sky_color(tree, sky, ray)
+        if sky.sun_disc > 0:
+            color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
+
+        def shown(color: Socket) -> Socket:
+            """Return the background of a sky of this colour."""
+            if sky.shows_plain:
+                color = _above_ground(tree, sky, direction, color)
+            if sky.haze is not None:
+                color = _behind_haze(tree, sky, sky.haze, ray, color)
+            return tree.add("Background", {"Color": color}).outputs[0]
+
+        surface = shown(color)
+        if sky.clouds is not None and sky.hdri is None:
+            seen = tree.add("LightPath").outputs
+            is_seen = tree.math("MAXIMUM", seen["Is Camera Ray"], seen["Is Glossy Ray"])
+            # A background of its own, which Cycles evaluates for these rays only.
+            surface = tree.mixed(
+                is_seen, surface, shown(before_sky(tree, sky, sky.clouds, ray, color))
+            )
+        tree.add("OutputWorld", {"Surface": surface})
+
+    def _hdri_color(self, tree: NodeTree, hdri: Hdri, ray: Socket) -> Socket:
+        turned = tree.add(
+            "VectorRotate", {"Vector": ray, "Angle": -hdri.rotation_rad}, rotation_type="Z_AXIS"
+        ).outputs[0]
+        texel = tree.add("TexEnvironment", {"Vector": turned}, image=self._image)
+        return tree.scaled(texel.outputs["Color"], hdri.strength)
+
+    def _keep_image(self, image: SkyImage | None) -> None:
+        if image is self._image_of:
+            return
+        if self._image is not None:
+            bpy.data.images.remove(self._image)
+        self._image = None if image is None else _new_image(image)
+        self._image_of = image
+
+
+def _sky_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    if sky.model == "none":
+        return _constant(tree, (0.0, 0.0, 0.0))
+    if sky.model == "plain":
+        return tree.scaled(_gradient_color(tree, sky, ray), sky.sky_strength)
+    node = tree.add("TexSky")
+    set_up_sky_node(node, sky)
+    return tree.scaled(node.outputs[0], SKY_SCALE * sky.sky_strength)
+
+
+def _gradient_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    gradient = sky.gradient
+    up = tree.math("MAXIMUM", _up(tree, ray), 0.0)
+    zenith, horizon = np.array(gradient.zenith), np.array(gradient.horizon)
+    change = tree.scaled(tuple((zenith - horizon).tolist()), tree.math("SQRT", up))
+    color = tree.vector("ADD", change, gradient.horizon)
+    angle = tree.math("ARCCOSINE", _towards_sun(tree, sky, ray))
+    share = tree.math("EXPONENT", tree.math("DIVIDE", angle, -gradient.glow_rad))
+    return tree.vector("ADD", color, tree.scaled(gradient.glow, share))
+
+
+def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    """Return the sun's disc, for camera rays only; its light comes from the lamp."""
+    radius = max(sky.sun_angular_diameter_rad / 2, MIN_DISC_RAD)
+    radiance = sky.sun_disc * sky.sun_strength_w_m2 / (pi * sin(radius) ** 2)
+    inside = tree.math("GREATER_THAN", _towards_sun(tree, sky, ray), cos(radius))
+    is_seen = tree.math("MULTIPLY", inside, tree.add("LightPath").outputs["Is Camera Ray"])
+    return tree.scaled(tuple(radiance * share for share in sun_color(sky)), is_seen)
+
+
+def _not_below(tree: NodeTree, ray: Socket) -> Socket:
+    """Return a direction, made horizontal if it points down: there the sky is as at the horizon."""
+    x, y, z = tree.add("SeparateXYZ", {0: ray}).outputs
+    return tree.combined(x, y, tree.math("MAXIMUM", z, 0.0))
+
+
+def _above_ground(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:
+    """Return the sky's colour above the horizontal and the ground's below, for indirect light.
+
+    The camera sees the mesh beyond the stage instead and, where the horizon dips, sky above it.
+    """
+    is_below = tree.math("LESS_THAN", _up(tree, ray), 0.0)
+    if sky.dips:
+        is_seen = tree.add("LightPath").outputs["Is Camera Ray"]
+        is_below = tree.math("GREATER_THAN", is_below, is_seen)
+    return tree.color_mix(is_below, color, (*plain_radiance(sky), 1.0)).outputs[MIX_RESULT]
+
+
+def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socket) -> Socket:
+    """Return the sky's colour behind a horizontal layer of haze."""
+    up = tree.math("MAXIMUM", _up(tree, ray), LEAST_UP)
+    clear = clear_share(tree, haze, tree.math("DIVIDE", haze.thickness_m, up))
+    airlight = tree.vector(
+        "MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze)
+    )
+    return tree.vector("ADD", tree.vector("MULTIPLY", color, clear), airlight)
+
+
+def _up(tree: NodeTree, ray: Socket) -> Socket:
+    return tree.add("SeparateXYZ", {0: ray}).outputs["Z"]
+
+
+def _towards_sun(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    """Return the cosine of the angle between a ray and the direction of the sun."""
+    product = tree.add("VectorMath", {0: ray, 1: sky.to_sun}, operation="DOT_PRODUCT")
+    return tree.math("MINIMUM", product.outputs["Value"], 1.0)
+
+
+def _constant(tree: NodeTree, color: Color) -> Socket:
+    socket = tree.add("RGB").outputs[0]
+    socket.default_value = (*color, 1.0)
+    return socket
+
+
+def _new_image(image: SkyImage) -> Any:
+    rows, cols, _ = image.radiance.shape
+    pixels = np.ones((rows, cols, 4), dtype=np.float32)
+    pixels[..., :3] = image.radiance[::-1]
+    return new_image(image.name, pixels, is_float=True, is_color=False)
+
+
+class Lights:
+    """A sun lamp, a sky without the sun's disc, and haze.
+
+    A lamp needs far fewer samples than a bright spot in the sky.
+    """
+
+    def __init__(self) -> None:
+        lamp = bpy.data.lights.new("sun", "SUN")
+        self._sun = bpy.data.objects.new("sun", lamp)
+        bpy.context.scene.collection.objects.link(self._sun)
+        self._background = Background()
+        self._sky: Sky | None = None
+
+    def set(self, sky: Sky) -> bool:
+        """Take over a sky; return whether it differs from the one before."""
+        if sky == self._sky:
+            return False
+        self._sky = sky
+        self._sun.rotation_mode = "QUATERNION"
+        self._sun.rotation_quaternion = Vector(sky.to_sun).to_track_quat("Z", "Y")
+        lamp: Any = self._sun.data
+        lamp.energy = sky.lamp_w_m2
+        lamp.angle = sky.sun_angular_diameter_rad
+        lamp.color = sun_color(sky)
+        # A dark lamp would still be sampled.
+        self._sun.hide_render = sky.lamp_w_m2 <= 0
+        self._background.set(sky)
+        set_haze(sky)
+        return True

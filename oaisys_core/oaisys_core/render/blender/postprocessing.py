@@ -1,0 +1,413 @@
+"""What is done to radiance after Cycles: denoising, and the rest of the pixel filter.
+
+What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
+multiplied by it afterwards, so that denoising does not blur textures. On the ground, it is
+multiplied by the albedo of `GroundAlbedo`, which has no noise. Where samples are reflected or let
+through by chance, as by water, so are the surfaces whose albedo and normals they have seen: there,
+these are denoised first.
+
+Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
+but counts its time as part of the last sample, which time budgets could not use, and can only
+denoise radiance.
+
+The pixel filter of denoised images has two steps. Cycles filters by the position of samples in a
+pixel and puts the first one at the centre, so that each sample serves one pixel only. Filters that
+share samples between pixels leave less noise (Pharr, Jakob and Humphreys, Physically Based
+Rendering, 3rd edition, 7.8): Cycles samples with a narrow filter, and the rest is a convolution.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Mapping
+from ctypes import (
+    CDLL,
+    CFUNCTYPE,
+    POINTER,
+    byref,
+    c_bool,
+    c_char_p,
+    c_double,
+    c_int,
+    c_size_t,
+    c_void_p,
+)
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import RenderError
+from oaisys_core.render.blender.compat import GLOSSY_COLOR, MATERIAL_INDEX
+from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.surfaces import BY_CHANCE
+from oaisys_core.render.blender.time_budget import DenoisingQuality
+from oaisys_core.sensing.render_settings import RenderSettings
+from oaisys_core.system.interruption import stop_if_unwanted, wanted_check
+
+Image = NDArray[np.float32]
+
+LIBRARY = "libOpenImageDenoise.so.2"
+"""Blender has loaded it already, so the dynamic linker finds it without a path."""
+
+CPU_DEVICE, FLOAT3 = 1, 3
+QUALITY_FAST, QUALITY_BALANCED = 4, 5
+"""Values of ``OIDNDeviceType``, ``OIDNFormat`` and ``OIDNQuality``."""
+
+OUTPUT = b"output"
+"""Name of a filter's result."""
+
+MAX_KEPT_PIXELS = 1920 * 1080
+"""Filters of larger images are not kept for the next one, because of their memory."""
+
+_ProgressMonitor = CFUNCTYPE(c_bool, c_void_p, c_double)
+"""Type of ``OIDNProgressMonitorFunction``: returns whether to go on."""
+
+_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "oidnNewDevice": (c_void_p, [c_int]),
+    "oidnSetDeviceBool": (None, [c_void_p, c_char_p, c_bool]),
+    "oidnCommitDevice": (None, [c_void_p]),
+    "oidnGetDeviceError": (c_int, [c_void_p, POINTER(c_char_p)]),
+    "oidnNewFilter": (c_void_p, [c_void_p, c_char_p]),
+    "oidnSetSharedFilterImage": (
+        None,
+        [c_void_p, c_char_p, c_void_p, c_int, *[c_size_t] * 5],
+    ),
+    "oidnSetFilterBool": (None, [c_void_p, c_char_p, c_bool]),
+    "oidnSetFilterInt": (None, [c_void_p, c_char_p, c_int]),
+    "oidnSetFilterProgressMonitorFunction": (None, [c_void_p, _ProgressMonitor, c_void_p]),
+    "oidnCommitFilter": (None, [c_void_p]),
+    "oidnExecuteFilter": (None, [c_void_p]),
+    "oidnReleaseFilter": (None, [c_void_p]),
+}
+
+CYCLES_WIDTH_PX = 1.5
+"""Blender's default filter width, for images that are not denoised; the Blackman-Harris window is
+twice as wide."""
+
+SAMPLED_WIDTH_PX = 0.75
+"""Filter width of Cycles for images that are denoised."""
+
+SHARE = 0.065
+"""Weight of each neighbour in the convolution: the two steps together are then as wide as Cycles'
+own filter."""
+
+NOISY_SHARE = 0.095
+"""The same weight for a single sample per pixel."""
+
+SMEARED, FEW_SAMPLES = (0.005, 0.04), 8
+"""By how much the weight is less on open ground and in views full of plants, because denoising has
+smeared their finest detail, and up to how many samples per pixel; of more, it smears less."""
+
+NORMAL_SHARE = 0.08
+"""The same weight for the normals that guide the denoiser."""
+
+LEAST_ALBEDO = np.float32(0.01)
+"""Added to the albedo that radiance is divided by."""
+
+ALBEDO_SHARE, EDGE_SHARE = 0.12, 0.25
+"""The same weight for smoothed albedo, and for the normals whose mean length shows edges."""
+
+SMOOTHED, EDGE_GAIN = 0.3, 6
+"""Share of smoothed albedo on even ground, and how fast it grows as that length falls below 1."""
+
+CONFIRMED_PX, MOST_DIFFERENCE = 15, 0.03
+"""Edge length of the square over which an albedo without noise must be that of the samples, and how
+much it may differ, as a share."""
+
+MIRROR_SHARE = 0.1
+"""Share of light that a film reflects from which on Cycles may take dark ground for a mirror, whose
+albedo and normals are those of what it reflects: if the film has three quarters of all weight."""
+
+DEPTH = "Depth"
+"""Blender's name of the pass with the depth of the first sample."""
+
+BACKGROUND_M = 1e9
+"""Cycles gives a larger depth where nothing was hit."""
+
+COMBINED, SEEN_ALBEDO, SEEN_NORMAL = "Combined", "Denoising Albedo", "Denoising Normal"
+"""Blender's names of the passes with radiance, and with albedo and normals for the denoiser."""
+
+
+@dataclass
+class RenderResult:
+    """Passes and statistics of a render.
+
+    Attributes:
+        passes: (H, W, channels) scene-linear float32 by Blender's name, top row first.
+        samples: Samples per pixel that were taken; 0: not reported.
+        sampling_began_s, sampling_ended_s: By `time.perf_counter`; 0: not reported.
+        errors: What Cycles has logged as errors.
+    """
+
+    passes: dict[str, Image] = field(default_factory=dict)
+    samples: int = 0
+    sampling_began_s: float = 0.0
+    sampling_ended_s: float = 0.0
+    errors: list[str] = field(default_factory=list)
+
+
+def pass_of(rendered: RenderResult, name: str) -> Image:
+    """Return a pass by Blender's name.
+
+    Raises:
+        RenderError: It was not rendered.
+    """
+    if name not in rendered.passes:
+        raise RenderError(f"Blender rendered no pass {name}, only {sorted(rendered.passes)}")
+    return rendered.passes[name]
+
+
+def denoised(
+    rendered: RenderResult,
+    settings: RenderSettings,
+    denoiser: Denoiser | None,
+    denoising: DenoisingQuality,
+    ground: PixelAlbedo | None = None,
+) -> Image:
+    """Return the (H, W, 3 or 4) radiance of a render, denoised if the settings say so.
+
+    Args:
+        rendered: With the passes for denoising.
+        settings: Of the render.
+        denoiser: None if Cycles has denoised it.
+        denoising: See `Denoiser.denoise`.
+        ground: Albedo without noise, where it is known; the samples' own is used elsewhere.
+    """
+    radiance = pass_of(rendered, COMBINED)
+    if not settings.denoise:
+        return radiance
+    radiance = radiance[..., :3]
+    if denoiser is not None:
+        seen = pass_of(rendered, SEEN_ALBEDO)
+        divisor, normal = _guides(rendered, denoiser)
+        albedo = divisor
+        if ground is not None:
+            is_clean = _is_confirmed(ground, seen)[..., None]
+            divisor = np.where(is_clean, seen + LEAST_ALBEDO, divisor)
+            albedo = np.where(is_clean, ground.linear + LEAST_ALBEDO, albedo)
+        radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
+    return filter_denoised(radiance, rendered.samples or settings.samples, settings.clutter)
+
+
+def _guides(rendered: RenderResult, denoiser: Denoiser) -> tuple[Image, Image]:
+    """Return the (H, W, 3) albedo to divide radiance by, and the denoiser's (H, W, 3) normals."""
+    normal, seen = pass_of(rendered, SEEN_NORMAL), pass_of(rendered, SEEN_ALBEDO)
+    divisor = _divisor(seen, normal)
+    is_water = pass_of(rendered, MATERIAL_INDEX) == BY_CHANCE
+    reflected = _convolved(_sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) / 3, 1 / 3)
+    by_chance = is_water | (reflected > MIRROR_SHARE)[..., None]
+    if not by_chance.any():
+        return divisor, normal
+    # The sky's albedo of 0 would bleed over its border.
+    usual = seen[by_chance[..., 0]].mean(axis=0)
+    surface = np.where(pass_of(rendered, DEPTH) < BACKGROUND_M, seen, usual)
+    divisor = np.where(by_chance, denoiser.denoise_albedo(surface) + LEAST_ALBEDO, divisor)
+    normal = np.where(by_chance, denoiser.denoise_normal(normal), normal)
+    if is_water.any():
+        # It is level.
+        normal = np.where(is_water, normal[is_water[..., 0]].mean(axis=0), normal)
+    return divisor, normal
+
+
+def _divisor(albedo: Image, normal: Image) -> Image:
+    """Return the (H, W, 3) albedo to divide radiance by: 1 for the sky, and nowhere 0.
+
+    It is smoothed most where normals turn within a pixel or two, as at edges and in foliage,
+    because few samples per pixel are not enough there.
+    """
+    albedo, normal = np.ascontiguousarray(albedo), np.ascontiguousarray(normal)
+    length = _length(_convolved(normal, EDGE_SHARE))
+    smoothed = np.clip(SMOOTHED + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
+    albedo = albedo + _sky_share(albedo, normal)
+    mixed = albedo + smoothed[..., None] * (_convolved(albedo, ALBEDO_SHARE) - albedo)
+    return np.asarray(mixed + LEAST_ALBEDO, np.float32)
+
+
+def _is_confirmed(ground: PixelAlbedo, seen: Image) -> NDArray[np.bool_]:
+    """Return the (H, W) pixels around which a known albedo is on average what samples have seen."""
+    size = CONFIRMED_PX, CONFIRMED_PX
+    known = ground.is_known.astype(np.float32)
+    difference = cv2.blur((ground.linear - seen) * known[..., None], size)
+    level = cv2.blur(seen * known[..., None], size)
+    few_percent = MOST_DIFFERENCE * (level + LEAST_ALBEDO * cv2.blur(known, size)[..., None])
+    return np.asarray(ground.is_known & (np.abs(difference) <= few_percent).all(axis=-1))
+
+
+def _sky_share(albedo: Image, normal: Image) -> Image:
+    """Return the (H, W, 1) share of the sky in pixels of the sky and beside them.
+
+    There, the length of the mean normal is about the share of surfaces.
+    """
+    is_sky = _sum_of_channels(np.abs(albedo) + np.abs(normal)) == 0
+    near_sky = cv2.dilate(is_sky.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    surface = np.minimum(_length(normal), 1)
+    return np.asarray(np.where(near_sky, 1 - surface, 0)[..., None], np.float32)
+
+
+def _length(vectors: Image) -> Image:
+    """Return the (H, W) lengths of (H, W, 3) vectors."""
+    return np.sqrt(_sum_of_channels(vectors * vectors))
+
+
+def _sum_of_channels(image: Image) -> Image:
+    # NumPy takes ten times as long for sums over a short last axis.
+    return np.asarray(cv2.transform(image, np.ones((1, 3), np.float32)), np.float32)
+
+
+class Denoiser:
+    """Denoises images on the CPU."""
+
+    def __init__(self, library: CDLL) -> None:
+        self._library = library
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+        self._device = library.oidnNewDevice(CPU_DEVICE)
+        # Else it would bind this process's threads to cores, including those of Cycles.
+        library.oidnSetDeviceBool(self._device, b"setAffinity", False)
+        library.oidnCommitDevice(self._device)
+        self._check()
+        self._size = (0, 0)
+        self._filters: dict[tuple[Any, ...], _Filter] = {}
+
+    def denoise(self, light: Image, normal: Image, denoising: DenoisingQuality) -> Image:
+        """Return (H, W, 3) denoised light.
+
+        Args:
+            light: (H, W, 3) radiance divided by albedo.
+            normal: (H, W, 3) normals that the same samples have seen.
+            denoising: ``fast`` uses a smaller network than ``balanced``, in half the time;
+                ``thorough`` denoises the normals first, which otherwise are only filtered.
+
+        Raises:
+            OaisysError: The image is no longer wanted.
+            RenderError: The library failed.
+            ValueError: The normals have another shape.
+        """
+        if normal.shape != light.shape:
+            raise ValueError(f"normal: received {normal.shape} beside light {light.shape}")
+        is_thorough = denoising == "thorough"
+        normal = self.denoise_normal(normal) if is_thorough else filter_normal(normal)
+        # The library takes normals only together with an albedo.
+        images = {b"color": light, b"albedo": np.ones_like(light), b"normal": normal}
+        quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
+        # Without cleanAux, it would blur edges and relief as if the normals were noisy.
+        return self._filtered(images, quality, hdr=True, cleanAux=True)
+
+    def denoise_albedo(self, albedo: Image) -> Image:
+        """Return (H, W, 3) denoised albedo; for errors see `denoise`."""
+        return self._filtered({b"albedo": albedo}, QUALITY_BALANCED)
+
+    def denoise_normal(self, normal: Image) -> Image:
+        """Return (H, W, 3) denoised normals; for errors see `denoise`."""
+        return self._filtered({b"normal": normal}, QUALITY_FAST)
+
+    def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
+        height, width, _ = next(iter(images.values())).shape
+        size = height, width
+        if size != self._size:
+            self._filters, self._size = {}, size
+        wanted = (tuple(images), quality, *flags.items())
+        made = self._filters.get(wanted)
+        if made is None:
+            made = _Filter(self._library, self._device, (*images, OUTPUT), size, quality, flags)
+            self._check()
+            if height * width <= MAX_KEPT_PIXELS:
+                self._filters[wanted] = made
+        result = made.run(images)
+        self._check()
+        return result
+
+    def _check(self) -> None:
+        message = c_char_p()
+        has_failed = self._library.oidnGetDeviceError(self._device, byref(message))
+        stop_if_unwanted()  # The library reports that as a failure, too.
+        if has_failed:
+            text = (message.value or b"no reason given").decode(errors="replace")
+            raise RenderError(f"Open Image Denoise failed: {text}")
+
+
+class _Filter:
+    """One of the library's filters with its image buffers.
+
+    Its working memory is kept between images, because the system would clear it anew for each.
+    """
+
+    def __init__(
+        self,
+        library: CDLL,
+        device: Any,
+        names: Iterable[bytes],
+        size: tuple[int, int],
+        quality: int,
+        flags: Mapping[str, bool],
+    ) -> None:
+        """Set up a filter of (H, W) images; the last name is its result."""
+        self._library = library
+        self._handle = handle = library.oidnNewFilter(device, b"RT")
+        weakref.finalize(self, library.oidnReleaseFilter, handle).atexit = False
+        height, width = size
+        self._images = {name: np.empty((height, width, 3), np.float32) for name in names}
+        for name, image in self._images.items():
+            library.oidnSetSharedFilterImage(
+                handle, name, image.ctypes.data, FLOAT3, width, height, 0, 0, 0
+            )
+        for flag, value in flags.items():
+            library.oidnSetFilterBool(handle, flag.encode(), value)
+        library.oidnSetFilterInt(handle, b"quality", quality)
+        library.oidnCommitFilter(handle)
+
+    def run(self, images: Mapping[bytes, Image]) -> Image:
+        """Return the (H, W, 3) result of images with at least three channels.
+
+        It is incomplete where it is no longer wanted.
+        """
+        for name, image in images.items():
+            self._images[name][...] = image[..., :3]
+        is_wanted = wanted_check()
+        monitor = _ProgressMonitor(lambda _pointer, _share: is_wanted())
+        self._library.oidnSetFilterProgressMonitorFunction(self._handle, monitor, None)
+        self._library.oidnExecuteFilter(self._handle)
+        return self._images[OUTPUT].copy()
+
+
+@cache
+def blenders_denoiser() -> Denoiser | None:
+    """Return the denoiser that Blender has loaded; None if it is another version."""
+    try:
+        return Denoiser(CDLL(LIBRARY))
+    except OSError:
+        return None
+
+
+def filter_denoised(
+    radiance: NDArray[np.float32], samples: int, clutter: float = 0.0
+) -> NDArray[np.float32]:
+    """Return a denoised (H, W, 3) image after the second step of the pixel filter.
+
+    Args:
+        radiance: The image.
+        samples: Samples per pixel that it was rendered with.
+        clutter: See `RenderSettings`.
+    """
+    if samples <= 1:
+        return _convolved(radiance, NOISY_SHARE)
+    open_ground, plants = SMEARED
+    less = (open_ground + clutter * (plants - open_ground)) * min(1.0, FEW_SAMPLES / samples)
+    return _convolved(radiance, SHARE - less)
+
+
+def filter_normal(normal: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (H, W, 3) normals, smoothed a little so that the denoiser may rely on them."""
+    return _convolved(normal, NORMAL_SHARE)
+
+
+def _convolved(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
+    kernel = np.array([share, 1 - 2 * share, share], np.float32)
+    whole = np.ascontiguousarray(image)
+    filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(filtered, dtype=np.float32)

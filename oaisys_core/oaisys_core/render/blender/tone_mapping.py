@@ -1,0 +1,95 @@
+"""From radiance to a picture: exposure, and one of Blender's view transforms."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import bpy
+import numpy as np
+import PyOpenColorIO
+from numpy.typing import NDArray
+
+from oaisys_core.render.geometry_pass import CORES
+from oaisys_core.sensing.exposure import metered_ev
+from oaisys_core.sensing.render_settings import RenderSettings, ViewTransform
+
+BASE_EXPOSURE_EV = 0.6
+"""Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
+
+VIEW_TRANSFORMS = {
+    "agx_contrast": ("AgX", "AgX - Medium High Contrast"),
+    "agx": ("AgX", "None"),
+    "filmic": ("Filmic", "None"),
+    "standard": ("Standard", "None"),
+    "raw": ("Raw", "None"),
+}
+"""Blender's names of the view transforms and their looks; all of them give sRGB, except raw, which
+is linear."""
+
+WHITE = {"agx_contrast": 4.0, "agx": 4.0, "filmic": 4.0, "standard": 1.0, "raw": 1.0}
+"""Linear value that each view transform shows as white, or hardly darker."""
+
+
+class ExposedImage(NamedTuple):
+    """A finished colour image.
+
+    Attributes:
+        pixels: (H, W, 3) uint8, as the view transform encodes it.
+        exposure_ev: Its exposure in stops, fixed or metered.
+    """
+
+    pixels: NDArray[np.uint8]
+    exposure_ev: float
+
+
+def picture_of(
+    radiance: NDArray[np.float32], is_surface: NDArray[np.bool_], settings: RenderSettings
+) -> ExposedImage:
+    """Return the picture of (H, W, 3 or 4) radiance.
+
+    ``is_surface`` are the (H, W) pixels that do not show the sky, for the meter.
+    """
+    exposure_ev = settings.exposure_ev
+    if exposure_ev is None:
+        white = WHITE[settings.view_transform]
+        meter = settings.auto_exposure
+        exposure_ev = metered_ev(radiance, is_surface, meter, white, BASE_EXPOSURE_EV)
+    pixels = to_pixels(radiance, settings.view_transform, BASE_EXPOSURE_EV + exposure_ev)
+    return ExposedImage(pixels, exposure_ev)
+
+
+def to_pixels(
+    radiance: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
+) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) image that Blender would write of (H, W, 3 or 4) radiance."""
+    image = np.ascontiguousarray(radiance[..., :3])
+    if exposure_ev:
+        image = image * np.float32(2.0**exposure_ev)
+    processor = _processor(view_transform)
+    # OpenColorIO itself uses one thread per call.
+    with ThreadPoolExecutor(CORES) as pool:
+        list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
+    np.clip(image, 0.0, 1.0, out=image)
+    # Rounds as Blender does.
+    return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+
+
+@cache
+def _processor(view_transform: ViewTransform) -> Any:
+    """Return OpenColorIO's processor of one of Blender's view transforms."""
+    folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
+    config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
+    view, look = VIEW_TRANSFORMS[view_transform]
+    pipeline = PyOpenColorIO.LegacyViewingPipeline()
+    pipeline.setDisplayViewTransform(
+        PyOpenColorIO.DisplayViewTransform(
+            src=PyOpenColorIO.ROLE_SCENE_LINEAR, display=config.getDefaultDisplay(), view=view
+        )
+    )
+    if look != "None":
+        pipeline.setLooksOverrideEnabled(True)
+        pipeline.setLooksOverride(look)
+    return pipeline.getProcessor(config, config.getCurrentContext()).getDefaultCPUProcessor()

@@ -1,0 +1,1 @@
+"""Brightness of what rays meet, without Blender."""

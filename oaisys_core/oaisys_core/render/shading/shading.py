@@ -1,0 +1,142 @@
+"""Simple colour for cast rays: mean albedo under Lambert's law, and a sky with a gradient."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import linear
+from oaisys_core.procedural.environment.light import (
+    LUMINANCE,
+    gradient_irradiance_w_m2,
+    sky_irradiance_w_m2,
+    veil_radiance,
+)
+from oaisys_core.raycast.surface import InstanceTable, View
+from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
+from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
+from oaisys_core.scene.sky import Haze, Sky, gradient_radiance, texels_at
+from oaisys_core.types import FloatArray
+
+LEAST_UP = 1e-4
+"""Least upward component of a ray, which bounds its way through the haze layer."""
+
+
+class Palette:
+    """Linear mean colours of a scene's ground layers and objects."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._means: dict[int, tuple[object, FloatArray]] = {}
+        self.update(scene)
+
+    def update(self, scene: Scene) -> None:
+        """Take over a changed scene; means of textures that were seen before are reused."""
+        self._material = scene.material
+        self._layers = np.array([self._mean_of(layer.maps) for layer in scene.material.layers])
+        of_placements = [self._mean_of(scene.prototypes[p.prototype]) for p in scene.placements]
+        of_primitives = [linear(p.color_srgb) for p in scene.primitives]
+        self._of_instance = InstanceTable(scene, of_placements, of_primitives, np.float64)
+
+    def albedo(self, view: View) -> FloatArray:
+        """Return the (H, W, 3) linear albedo of a view, 0 where nothing was hit."""
+        albedo = np.zeros_like(view.points_m)
+        ground_xy_m = view.points_m[view.is_ground][:, :2]
+        of_ground = self._material.weights_at(ground_xy_m) @ self._layers
+        if self._material.macro is not None:
+            of_ground *= self._material.macro.factors_at(ground_xy_m)
+        albedo[view.is_ground] = of_ground
+        on_object = view.instance_ids > 0
+        if on_object.any():
+            albedo[on_object] = self.albedo_of_objects(view.instance_ids[on_object])
+        return albedo
+
+    def albedo_of_objects(self, instance_ids: NDArray[np.uint32]) -> FloatArray:
+        """Return the (..., 3) linear albedo of objects by their ids, 0 for id 0."""
+        return np.asarray(self._of_instance(instance_ids))
+
+    def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
+        if isinstance(thing, MeshPrototype) and thing.maps is not None:
+            # Dozens of prototypes have the same texture.
+            return self._mean_of(thing.maps)
+        if id(thing) not in self._means:
+            color = mean_color(thing) if isinstance(thing, PbrMaps) else prototype_color(thing)
+            self._means[id(thing)] = (thing, color)
+        return self._means[id(thing)][1]
+
+
+def shaded(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> FloatArray:
+    """Return the (H, W, 3) radiance of a view; 1 is white at 0 EV.
+
+    It is albedo / π times the irradiance of sun, sky and lamps. The sky is a uniform hemisphere, of
+    which a vertical wall receives half.
+    """
+    sky = scene.sky
+    sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
+    sky_w_m2 = sky_irradiance_w_m2(sky) @ LUMINANCE * (1 + normals[..., 2]) / 2
+    albedo, seen = palette.albedo(view), view.is_hit
+    radiance = albedo * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
+    if scene.lamps:
+        lamps_w_m2 = lamp_irradiance_w_m2(scene.lamps, view.points_m[seen], normals[seen])
+        radiance[seen] += albedo[seen] * lamps_w_m2 / pi
+    if sky.haze is not None:
+        distance_m = view.depth_m[seen] * np.linalg.norm(view.directions[seen], axis=-1)
+        radiance[seen] = in_haze(radiance[seen], distance_m, sky.haze, sky)
+    radiance[~seen] = sky_radiance(sky, view.directions[~seen])
+    return np.asarray(radiance)
+
+
+def prototype_color(prototype: MeshPrototype) -> FloatArray:
+    """Return the (3,) mean linear colour of a prototype without a texture set."""
+    if prototype.color_image_srgb is not None and prototype.uv is not None:
+        return _mean_of_bytes(prototype.color_image_srgb)
+    if prototype.vertex_colors_srgb is not None:
+        return _mean_of_bytes(prototype.vertex_colors_srgb)
+    return linear(prototype.color_srgb)
+
+
+def mean_color(maps: PbrMaps) -> FloatArray:
+    """Return the (3,) mean linear colour of a texture."""
+    return _mean_of_bytes(maps.color_srgb)
+
+
+def _mean_of_bytes(srgb: NDArray[np.uint8]) -> FloatArray:
+    levels = linear(np.arange(256) / 255)
+    channels = srgb.reshape(-1, 3).T
+    counts = [np.bincount(channel, minlength=256) for channel in channels]
+    return np.array(counts) @ levels / len(srgb.reshape(-1, 3))
+
+
+def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
+    """Return the (N, 3) linear radiance of the sky along (N, 3) directions in ``map``."""
+    radiance = _clear_radiance(sky, directions)
+    if sky.haze is None:
+        return radiance
+    up = directions[:, 2] / np.linalg.norm(directions, axis=1)
+    distance_m = sky.haze.thickness_m / np.maximum(up, LEAST_UP)
+    return in_haze(radiance, distance_m, sky.haze, sky)
+
+
+def _clear_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
+    if sky.hdri is not None:
+        pixels = sky.hdri.image.radiance
+        rows, cols = texels_at(directions, sky.hdri.rotation_rad, pixels.shape)
+        return np.asarray(pixels[rows, cols] * sky.hdri.strength, dtype=np.float64)
+    if sky.model == "none":
+        return np.zeros_like(directions)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    radiance = gradient_radiance(sky.gradient, unit, np.array(sky.to_sun))
+    if sky.model == "plain":
+        return radiance * sky.sky_strength
+    # The default colours, as bright as the atmosphere.
+    shown_w_m2 = np.array(gradient_irradiance_w_m2(sky.gradient, sky.sun_elevation_rad))
+    brightness = (sky_irradiance_w_m2(sky) @ LUMINANCE) / (shown_w_m2 @ LUMINANCE)
+    return np.asarray(radiance * brightness)
+
+
+def in_haze(radiance: FloatArray, distance_m: FloatArray, haze: Haze, sky: Sky) -> FloatArray:
+    """Return (N, 3) radiances seen through haze at (N,) distances (Koschmieder's law)."""
+    airlight = np.array(veil_radiance(sky, haze))
+    clear = np.exp(-distance_m[:, None] * np.array(haze.extinction_per_m))
+    return np.asarray(radiance * clear + airlight * (1 - clear))

@@ -1,0 +1,113 @@
+"""The objects of a world: meshes with many instances, exact solids, tracks of wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.scene.terrain_material import PbrMaps
+from oaisys_core.types import (
+    FloatArray,
+    ShortRepr,
+)
+
+
+@dataclass(frozen=True, repr=False)
+class WaterSurface(ShortRepr):
+    """The optics of a level mesh that is a surface of water.
+
+    Attributes:
+        opacity: (V,) uint8, by 255: how much of the bottom is hidden, without reflections.
+        waves: Strength of ripples in reflections, 0 to 1.
+    """
+
+    opacity: NDArray[np.uint8]
+    waves: float
+
+
+@dataclass(frozen=True, repr=False)
+class MeshPrototype(ShortRepr):
+    """A mesh of which the world may contain many instances.
+
+    Attributes:
+        vertices_m: (V, 3) float32 in the object's frame, with the origin at the centre of its base.
+        triangles: (T, 3) int32, counter-clockwise from outside.
+        maps: Surface texture, projected from three sides (triplanar).
+        color_srgb: Uniform colour, used if there is no other.
+        vertex_colors_srgb: (V, 3) uint8, interpolated over the triangles; not used with ``maps``.
+        uv: (T, 3, 2) float32 texture coordinates of each triangle's corners in
+            ``color_image_srgb``: (0, 0) is its lower left corner, (1, 1) its upper right one. The
+            image repeats outside.
+        color_image_srgb: (H, W, 3) uint8, first row on top; used instead of vertex colours.
+        translucency: (V,) uint8, with ``vertex_colors_srgb``: by 255, the share of scattered light
+            that leaves on the other side, as through leaves; None for none.
+        water: How it reflects and hides the bottom, if it is water.
+        dust_m: Height above the ground up to which the ground's dust lies on it, at a scale of 1.
+    """
+
+    name: str
+    vertices_m: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    maps: PbrMaps | None = None
+    color_srgb: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    vertex_colors_srgb: NDArray[np.uint8] | None = None
+    uv: NDArray[np.float32] | None = None
+    color_image_srgb: NDArray[np.uint8] | None = None
+    translucency: NDArray[np.uint8] | None = None
+    water: WaterSurface | None = None
+    dust_m: float = 0.0
+
+
+@dataclass(frozen=True, repr=False)
+class Placement(ShortRepr):
+    """The instances of one prototype.
+
+    Attributes:
+        prototype: Index into `Scene.prototypes`.
+        semantic_ids: From level 0 on.
+        T_map_object: (N, 4, 4) float64, rotation times uniform scale, and translation.
+        instance_ids: (N,) uint32, unique in the scene, from 1.
+        is_moving: Whether its poses change with every sample; those of others rarely change.
+    """
+
+    prototype: int
+    semantic_ids: tuple[int, ...]
+    T_map_object: FloatArray
+    instance_ids: NDArray[np.uint32]
+    is_moving: bool = False
+
+
+@dataclass(frozen=True, repr=False)
+class Primitive(ShortRepr):
+    """An exact sphere or box, for tests and calibration targets.
+
+    Attributes:
+        shape: ``sphere`` (with radius size_m[0]) or ``box`` (with edge lengths size_m).
+        T_map_object: (4, 4) rigid pose of its centre.
+    """
+
+    shape: str
+    size_m: tuple[float, float, float]
+    T_map_object: FloatArray
+    instance_id: int
+    semantic_ids: tuple[int, ...]
+    color_srgb: tuple[float, float, float]
+
+
+@dataclass(frozen=True, repr=False)
+class WheelTracks(ShortRepr):
+    """The tracks that a rover leaves on its way; colour only.
+
+    Attributes:
+        way_m: (K, 2) points of its whole way in ``map``.
+        wheel_y_m: Distance of its wheels' middle from the way.
+        width_m: Width of a wheel.
+        driven_share: How much of the way has tracks by now, 0 to 1.
+    """
+
+    way_m: FloatArray
+    wheel_y_m: float
+    width_m: float
+    driven_share: float

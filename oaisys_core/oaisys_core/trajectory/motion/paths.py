@@ -1,0 +1,135 @@
+"""Motions along a given path: poses of a file, survey grids and splines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import atan2
+
+import numpy as np
+import scipy
+
+from oaisys_core import geometry
+from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.output.poses import read_poses
+from oaisys_core.trajectory.motion.base import (
+    Motion,
+    MotionStep,
+    at_height,
+    index_in,
+    looking_at,
+    on_ground,
+    posed,
+)
+from oaisys_core.types import FloatArray, Pose, SensorInfo
+
+ARC_POINTS = 256
+"""Points between two waypoints at which the length of a spline is measured."""
+
+NORTH_UP_YAW_RAD = np.pi / 2
+"""Yaw of a rig that looks down with the image's upper edge towards +y."""
+
+
+class Csv(Motion):
+    """See `CsvMotion`."""
+
+    def __init__(self, config: CsvMotion) -> None:
+        self._config = config
+        self.step_interval = config.step_interval
+        self._poses = read_poses(config.path, config.columns)
+
+    def pose(self, step: MotionStep) -> Pose | None:
+        """See `Motion.pose`."""
+        from scipy.spatial.transform import Rotation
+
+        count = len(self._poses)
+        chosen = self._poses[index_in(step.index, count, self._config.at_end, "poses of the file")]
+        moved_m = np.array(chosen.position_m) + self._config.offset_m
+        position_m = at_height(moved_m, self._config, step, step.rng)
+        rotation = Rotation.from_quat(chosen.quat_xyzw)
+        return None if position_m is None else posed(position_m, rotation)
+
+
+class Grid(Motion):
+    """See `GridMotion`; the camera looks straight down, wherever it is mounted."""
+
+    def __init__(self, config: GridMotion, sensors: Sequence[SensorInfo]) -> None:
+        self._config = config
+        self.step_interval = config.step_interval
+        by_name = {sensor.name: sensor for sensor in sensors}
+        name = sensors[0].name if config.camera is None else config.camera
+        if name not in by_name:
+            raise InvalidInputError("sensors.motion.camera", name, one_of(by_name, name))
+        camera = by_name[name]
+        self._T_link_base = geometry.T_LINK_OPTICAL @ geometry.invert(camera.T_base_camera)
+        self._spacing_m = geometry.nadir_spacing_m(
+            config.altitude_m, config.overlap, camera.intrinsics
+        )
+
+    def pose(self, step: MotionStep) -> Pose | None:
+        """See `Motion.pose`."""
+        config = self._config
+        index = index_in(step.index, config.rows * config.columns, config.at_end, "views")
+        row, column = divmod(index, config.columns)
+        if row % 2:
+            column = config.columns - 1 - column
+        x0, y0, x1, y1 = step.ground.extent_m
+        centre_m = config.centre_m or ((x0 + x1) / 2, (y0 + y1) / 2)
+        x = centre_m[0] + (column - (config.columns - 1) / 2) * self._spacing_m[0]
+        y = centre_m[1] + ((config.rows - 1) / 2 - row) * self._spacing_m[1]
+        camera_m = on_ground(np.array((x, y, 0.0)), config.altitude_m, step.ground)
+        if camera_m is None:
+            return None
+        x, y, z = camera_m.tolist()
+        link = geometry.pose_looking_down(x, y, z, NORTH_UP_YAW_RAD)
+        return geometry.pose_from_matrix(geometry.pose_to_matrix(link) @ self._T_link_base)
+
+
+class Spline(Motion):
+    """See `SplineMotion`."""
+
+    def __init__(self, config: SplineMotion) -> None:
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        self._config = config
+        self.step_interval = config.step_interval
+        closing = [0] if config.is_closed else []
+        waypoints_m = np.array([*config.waypoints_m, *(config.waypoints_m[i] for i in closing)])
+        knots = geometry.distances_along_m(waypoints_m)
+        self._curve = scipy.interpolate.CubicSpline(
+            knots, waypoints_m, bc_type="periodic" if config.is_closed else "natural"
+        )
+        self._rotations: RotationSpline | None = None
+        if config.quats_xyzw:
+            quats = [*config.quats_xyzw, *(config.quats_xyzw[i] for i in closing)]
+            self._rotations = RotationSpline(knots, Rotation.from_quat(quats))
+        segments = [np.linspace(a, b, ARC_POINTS) for a, b in pairwise(knots)]
+        self._at = np.concatenate(segments)
+        self._arc_m = geometry.distances_along_m(self._curve(self._at))
+
+    def pose(self, step: MotionStep) -> Pose | None:
+        """See `Motion.pose`."""
+        at = self._parameter(step.index)
+        position_m = at_height(self._curve(at), self._config, step, step.rng)
+        if position_m is None:
+            return None
+        if self._rotations is not None:
+            return posed(position_m, self._rotations(at))
+        return self._facing(position_m, self._curve(at, 1))
+
+    def _facing(self, position_m: FloatArray, tangent: FloatArray) -> Pose:
+        if self._config.look == "forward":
+            return looking_at(position_m, position_m + tangent)
+        x, y, z = position_m.tolist()
+        return geometry.pose_looking_down(x, y, z, atan2(tangent[1], tangent[0]))
+
+    def _parameter(self, index: int) -> float:
+        """Return the spline parameter of a step, by arc length."""
+        config, total_m = self._config, float(self._arc_m[-1])
+        if config.is_closed:
+            path_m = index * config.step_m % total_m
+        else:
+            count = int(total_m / config.step_m + 1e-9) + 1
+            path_m = index_in(index, count, config.at_end, "steps of the path") * config.step_m
+        return float(np.interp(path_m, self._arc_m, self._at))

@@ -1,0 +1,113 @@
+"""Plain typed data that crosses package borders: poses, cameras, frames, samples, meshes.
+
+Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are in the names.
+"""
+
+from __future__ import annotations
+
+from oaisys_core.types.arrays import FloatArray, ShortRepr
+from oaisys_core.types.cameras import EQUIDISTANT, MAX_IMAGE_PX, PLUMB_BOB, PinholeIntrinsics
+from oaisys_core.types.drives import (
+    ODOMETRY,
+    DriveInstant,
+    DriveOutline,
+    ImuReading,
+    PlannedTrajectory,
+)
+from oaisys_core.types.heights import HeightGrid, HeightQuery
+from oaisys_core.types.meshes import TriangleMesh, merge_meshes
+from oaisys_core.types.metadata import OWN_PARTS, ModuleMetadata, merged
+from oaisys_core.types.modalities import (
+    ALBEDO,
+    COLORS,
+    DEPTH,
+    DISPARITY,
+    FLOW,
+    INSTANCE,
+    NORMAL,
+    POINTS,
+    RANGE,
+    RGB,
+    SEMANTIC_0,
+    ModalitySpec,
+    expected_modality,
+    is_rendered,
+    modality_spec,
+    semantic_level,
+)
+from oaisys_core.types.objects import MAX_OBJECTS, ObjectPage, ObjectQuery, SceneObject
+from oaisys_core.types.poses import Odometry, Pose, TimedPoses, Twist
+from oaisys_core.types.progress import Progress, ProgressCallback, ignore_progress
+from oaisys_core.types.samples import (
+    Frame,
+    FrameName,
+    Provenance,
+    RecordedSample,
+    Sample,
+    SampleOutline,
+    early_first,
+)
+from oaisys_core.types.scans import LidarScan, point_dtype
+from oaisys_core.types.simulator import GroupCount, ImuInfo, LidarInfo, SensorInfo, SimulatorInfo
+
+__all__ = [
+    "ALBEDO",
+    "COLORS",
+    "DEPTH",
+    "DISPARITY",
+    "EQUIDISTANT",
+    "FLOW",
+    "INSTANCE",
+    "MAX_IMAGE_PX",
+    "MAX_OBJECTS",
+    "NORMAL",
+    "ODOMETRY",
+    "OWN_PARTS",
+    "PLUMB_BOB",
+    "POINTS",
+    "RANGE",
+    "RGB",
+    "SEMANTIC_0",
+    "DriveInstant",
+    "DriveOutline",
+    "FloatArray",
+    "Frame",
+    "FrameName",
+    "GroupCount",
+    "HeightGrid",
+    "HeightQuery",
+    "ImuInfo",
+    "ImuReading",
+    "LidarInfo",
+    "LidarScan",
+    "ModalitySpec",
+    "ModuleMetadata",
+    "ObjectPage",
+    "ObjectQuery",
+    "Odometry",
+    "PinholeIntrinsics",
+    "PlannedTrajectory",
+    "Pose",
+    "Progress",
+    "ProgressCallback",
+    "Provenance",
+    "RecordedSample",
+    "Sample",
+    "SampleOutline",
+    "SceneObject",
+    "SensorInfo",
+    "ShortRepr",
+    "SimulatorInfo",
+    "TimedPoses",
+    "TriangleMesh",
+    "Twist",
+    "early_first",
+    "expected_modality",
+    "ignore_progress",
+    "is_rendered",
+    "merge_meshes",
+    "merged",
+    "modality_spec",
+    "point_dtype",
+    "semantic_level",
+]

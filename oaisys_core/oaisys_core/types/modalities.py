@@ -1,0 +1,110 @@
+"""The kinds of images and scans that sensors deliver."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from oaisys_core import extensions
+from oaisys_core.errors import did_you_mean
+
+RGB = "rgb"
+
+DEPTH = "depth"
+
+SEMANTIC_0 = "semantic_0"
+
+INSTANCE = "instance"
+
+RANGE = "range"
+
+NORMAL = "normal"
+
+FLOW = "flow"
+
+ALBEDO = "albedo"
+
+DISPARITY = "disparity"
+
+COLORS = frozenset({RGB, ALBEDO})
+"""Modalities that are rendered; all others are cast, and depend neither on light nor on quality."""
+
+
+def is_rendered(modality: str, quality: str, passes: Collection[str] | None) -> bool:
+    """Return whether samples have the images that a camera has of a modality.
+
+    Args:
+        modality: Its name.
+        quality: ``render.quality``; ``geometry`` has no colour.
+        passes: ``render.passes``; None for all.
+    """
+    is_left_out = quality == "geometry" and modality in COLORS
+    return not is_left_out and (passes is None or modality in passes)
+
+
+POINTS = "points"
+"""Modality of lidars, whose data are points rather than an image."""
+
+
+class ModalitySpec(NamedTuple):
+    """The type of a modality's pixels; ``channels`` is 1 for (H, W) images."""
+
+    dtype: np.dtype[Any]
+    channels: int
+
+
+_MODALITIES: Mapping[str, ModalitySpec] = {
+    RGB: ModalitySpec(np.dtype(np.uint8), 3),
+    DEPTH: ModalitySpec(np.dtype(np.float32), 1),
+    RANGE: ModalitySpec(np.dtype(np.float32), 1),
+    INSTANCE: ModalitySpec(np.dtype(np.uint32), 1),
+    NORMAL: ModalitySpec(np.dtype(np.float32), 3),
+    FLOW: ModalitySpec(np.dtype(np.float32), 2),
+    ALBEDO: ModalitySpec(np.dtype(np.uint8), 3),
+    DISPARITY: ModalitySpec(np.dtype(np.float32), 1),
+}
+
+_SEMANTIC = ModalitySpec(np.dtype(np.uint16), 1)
+
+
+def modality_spec(modality: str) -> ModalitySpec:
+    """Return the type of a modality's pixels.
+
+    * ``rgb``: sRGB colour. ``albedo``: sRGB-encoded reflectance, without light and effects.
+    * ``depth``: planar z in metres, of a fisheye the same as ``range``; ``range``: metres along the
+      ray; ``+inf`` where nothing is hit.
+    * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 for none.
+    * ``normal``: unit normals in the optical frame, towards the camera; 0 where nothing is hit.
+    * ``flow``: motion (du, dv) in pixels since the sensor's previous sample of the surface that a
+      pixel shows; NaN where it was not in front of the camera or where a lens's distortion does
+      not hold (twice as far from the axis as the corners, or folded), or without a previous sample.
+    * ``disparity``: distance in pixels between the images of a stereo pair; 0 where nothing is hit.
+
+    Raises:
+        KeyError: There is no such modality.
+    """
+    if semantic_level(modality) is not None:
+        return _SEMANTIC
+    if extensions.is_installed(extensions.PASSES, modality, _MODALITIES):
+        spec: ModalitySpec = extensions.load(extensions.PASSES, modality).spec
+        return spec
+    return _MODALITIES[modality]
+
+
+def expected_modality(received: str) -> str:
+    """Return the text after "expected" in the error about a modality that does not exist."""
+    levels = [f"semantic_{level}" for level in range(10)]
+    passes = extensions.names(extensions.PASSES)
+    hint = did_you_mean(received, [*_MODALITIES, *levels, *passes])
+    built_in = ", ".join(_MODALITIES)
+    installed = f"{', '.join(sorted(passes))}" if passes else "none is installed"
+    return f"{built_in}, semantic_0 to semantic_9, or an installed pass ({installed}){hint}"
+
+
+def semantic_level(modality: str) -> int | None:
+    """Return the level of ``semantic_N``, None for any other modality."""
+    match = re.fullmatch(r"semantic_([0-9])", modality)
+    return None if match is None else int(match[1])

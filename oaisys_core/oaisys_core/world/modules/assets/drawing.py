@@ -1,0 +1,332 @@
+"""Draws the objects of a batch, before metadata edits them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core import geometry, randomness
+from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
+from oaisys_core.config.sections.groups import MOST_INSTANCES, GroupConfig
+from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.procedural.scatter.groups import scatter_group
+from oaisys_core.procedural.scatter.ids import (
+    FIRST_MOVER_ID,
+    FIRST_OBJECT_ID,
+    IdBlock,
+    InstanceIdPlan,
+)
+from oaisys_core.procedural.scatter.placement import scatter_on
+from oaisys_core.procedural.scatter.rock_families import family_density
+from oaisys_core.procedural.scatter.rocks import make_rock
+from oaisys_core.procedural.scatter.stance import footprint_of, pose_on_ground
+from oaisys_core.procedural.scatter.trajectories import MoverTrajectory, make_trajectory
+from oaisys_core.procedural.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
+from oaisys_core.scene import (
+    Ground,
+    MeshPrototype,
+    PbrMaps,
+    Placement,
+    Primitive,
+    TerrainMaterial,
+    WheelTracks,
+)
+from oaisys_core.types import FloatArray, GroupCount, Pose
+from oaisys_core.world.modules.assets.metadata import AssetMetadata
+from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
+
+LARGE_ROCK_M = 1.5
+"""Rocks of groups with larger sizes than this have four times as many triangles."""
+
+
+@dataclass(frozen=True)
+class AssetPlacement:
+    """A placement with the group it belongs to.
+
+    Attributes:
+        group: Name of the group, or "" if it belongs to none.
+        hidden: Whether the configuration hides it.
+    """
+
+    placement: Placement
+    group: str = ""
+    hidden: bool = False
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A placement that moves along a trajectory.
+
+    Attributes:
+        index: Index into `DrawnAssets.placements`.
+        foot_m: Radius of its foot if it stands on the ground; None otherwise.
+        leaves_tracks: Whether it is a rover on the ground.
+    """
+
+    index: int
+    trajectory: MoverTrajectory
+    scale: float
+    foot_m: float | None
+    leaves_tracks: bool = False
+
+    def pose_at(self, sample_id: int, ground: Ground, time_s: float | None = None) -> FloatArray:
+        """Return the (4, 4) pose with scale at a sample, or at a time: `MoverTrajectory`."""
+        T = self.trajectory(sample_id, time_s)
+        if self.foot_m is not None:
+            yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
+            T = pose_on_ground(ground, (T[0, 3], T[1, 3]), yaw_rad, self.foot_m)
+        return scaled(T, self.scale)
+
+    @cached_property
+    def _way_m(self) -> FloatArray:
+        return np.asarray(self.trajectory.way_m[:, :2])
+
+    def tracks_at(self, sample_id: int, time_s: float | None = None) -> WheelTracks:
+        """Return the tracks at a sample, or at a time; the points are always the same array."""
+        length_m = np.linalg.norm(np.diff(self._way_m, axis=0), axis=1).sum()
+        share = self.trajectory.driven_m(sample_id, time_s) / max(length_m, 1e-9)
+        wheel_y_m, width_m = self.scale * WHEEL_Y, self.scale * WHEEL_WIDTH
+        return WheelTracks(self._way_m, wheel_y_m, width_m, min(float(share), 1.0))
+
+
+@dataclass(frozen=True)
+class DrawnAssets:
+    """All objects that were drawn for a batch.
+
+    Attributes:
+        first_prototype: By name of a group, object or mover, the index of its first prototype.
+        counts: Of each group, how many were asked for and how many stand.
+    """
+
+    prototypes: tuple[MeshPrototype, ...]
+    placements: tuple[AssetPlacement, ...]
+    primitives: tuple[Primitive, ...]
+    movers: tuple[Mover, ...]
+    first_prototype: dict[str, int]
+    counts: tuple[GroupCount, ...] = ()
+
+    @cached_property
+    def instances(self) -> dict[int, int]:
+        """Index into ``placements`` by instance id."""
+        return {
+            instance_id: index
+            for index, each in enumerate(self.placements)
+            for instance_id in each.placement.instance_ids.tolist()
+        }
+
+    @property
+    def primitive_ids(self) -> set[int]:
+        """Instance ids of the primitives."""
+        return {primitive.instance_id for primitive in self.primitives}
+
+
+class AssetGenerator:
+    """Draws the objects of one batch: rocks, groups, objects and movers."""
+
+    def __init__(
+        self,
+        config: AssetsConfig,
+        library: PrototypeLibrary,
+        plan: InstanceIdPlan,
+        ground: Ground,
+        material: TerrainMaterial | None,
+        rng: np.random.Generator,
+    ) -> None:
+        self._config, self._library, self._plan = config, library, plan
+        self._ground, self._material, self._rng = ground, material, rng
+        self._prototypes: list[MeshPrototype] = []
+        self._placements: list[AssetPlacement] = []
+        self._movers: list[Mover] = []
+        self._first: dict[str, int] = {}
+        self._counts: list[GroupCount] = []
+
+    def draw(self, metadata: AssetMetadata) -> DrawnAssets:
+        """Return everything on the ground.
+
+        Raises:
+            ConfigError: The image of a density cannot be read.
+        """
+        number = self._draw_rocks(metadata.count_factor)
+        ids = self._plan.rocks.ids(number + len(self._config.primitives))[number:]
+        primitives = tuple(
+            make_primitive(primitive, int(instance_id))
+            for primitive, instance_id in zip(self._config.primitives, ids, strict=True)
+        )
+        for group, block in zip(self._config.groups, self._plan.groups, strict=True):
+            factor = metadata.count_factor * metadata.group(group.name).count_factor
+            self._draw_group(group, block, factor)
+        for index, thing in enumerate(self._config.objects):
+            self._add_object(thing, FIRST_OBJECT_ID + index)
+        for index, mover in enumerate(self._config.movers):
+            self._add_mover(mover, FIRST_MOVER_ID + index)
+        return DrawnAssets(
+            tuple(self._prototypes),
+            tuple(self._placements),
+            primitives,
+            tuple(self._movers),
+            self._first,
+            tuple(self._counts),
+        )
+
+    def _draw_rocks(self, factor: float) -> int:
+        """Draw all rocks from one random stream and return their number."""
+        number = 0
+        maps = self._library.rock_maps() if self._config.rocks else None
+        for group in self._config.rocks:
+            shapes = _rock_shapes(group, maps, self._rng)
+            T_map_object = _rock_poses(group, factor, self._ground, shapes, self._rng)
+            shape_of = self._rng.integers(len(shapes), size=len(T_map_object))
+            ids = self._plan.rocks.ids(number + len(T_map_object))[number:]
+            number += len(T_map_object)
+            self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids)
+        return number
+
+    def _draw_group(self, group: GroupConfig, block: IdBlock, factor: float) -> None:
+        rng = randomness.child(self._rng, f"group/{group.name}")
+        shapes = self._library.group_prototypes(group, randomness.child(rng, "forms"))
+        count = 0
+        if randomness.child(rng, "presence").uniform() < group.probability:
+            drawn = int(randomness.child(rng, "count").integers(*group.count, endpoint=True))
+            count = min(round(factor * drawn), MOST_INSTANCES)
+        T_map_object, shape_of = scatter_group(
+            group, count, shapes, self._ground, rng, self._material
+        )
+        ids = block.ids(len(T_map_object))
+        self._counts.append(GroupCount(group.name, count, len(ids)))
+        self._first[group.name] = len(self._prototypes)
+        self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids, group)
+
+    def _place(
+        self,
+        shapes: list[MeshPrototype],
+        shape_of: NDArray[np.int64],
+        semantic_ids: tuple[int, ...],
+        T_map_object: FloatArray,
+        ids: NDArray[np.uint32],
+        group: GroupConfig | None = None,
+    ) -> None:
+        """Add instances of several shapes, one placement per shape."""
+        for variant in range(len(shapes)):
+            chosen = shape_of == variant
+            placement = Placement(
+                len(self._prototypes) + variant, semantic_ids, T_map_object[chosen], ids[chosen]
+            )
+            hidden = group is not None and group.hidden
+            self._placements.append(AssetPlacement(placement, group.name if group else "", hidden))
+        self._prototypes.extend(shapes)
+
+    def _add_object(self, thing: ObjectConfig, instance_id: int) -> None:
+        rng = randomness.child(self._rng, f"object/{thing.name}")
+        T_map_object = fixed_pose(thing, self._ground, f"assets.objects.{thing.name}")
+        look = self._library.prototype(thing, rng, plant_m=thing.scale)
+        self._add_single(look, thing, T_map_object, instance_id)
+
+    def _add_mover(self, mover: MoverConfig, instance_id: int) -> None:
+        rng = randomness.child(self._rng, f"mover/{mover.name}")
+        look = self._library.prototype(mover, rng, plant_m=mover.scale)
+        foot_m = footprint_of(look).foot_m * mover.scale if mover.on_ground else None
+        moves = Mover(
+            index=len(self._placements),
+            trajectory=make_trajectory(mover.trajectory),
+            scale=mover.scale,
+            foot_m=foot_m,
+            leaves_tracks=mover.on_ground and mover.shape == "rover" and not mover.hidden,
+        )
+        self._movers.append(moves)
+        T_map_object = moves.pose_at(0, self._ground)
+        self._add_single(look, mover, T_map_object, instance_id, is_moving=True)
+
+    def _add_single(
+        self,
+        look: MeshPrototype,
+        config: ObjectConfig | MoverConfig,
+        T_map_object: FloatArray,
+        instance_id: int,
+        is_moving: bool = False,
+    ) -> None:
+        index = len(self._prototypes)
+        self._first.setdefault(config.name, index)
+        self._prototypes.append(look)
+        placement = single(index, config.semantic_ids, T_map_object, instance_id)
+        self._placements.append(
+            AssetPlacement(replace(placement, is_moving=is_moving), hidden=config.hidden)
+        )
+
+
+def single(
+    prototype: int, semantic_ids: tuple[int, ...], T_map_object: FloatArray, instance_id: int
+) -> Placement:
+    """Return the placement of a single instance."""
+    ids = np.array([instance_id], np.uint32)
+    return Placement(prototype, semantic_ids, T_map_object[None], ids)
+
+
+def scaled(T_map_object: FloatArray, scale: float) -> FloatArray:
+    """Return a (4, 4) pose with its rotation multiplied by a scale."""
+    T = T_map_object.copy()
+    T[:3, :3] *= scale
+    return T
+
+
+def fixed_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
+    """Return the (4, 4) pose with scale of an object at a fixed place; ``field`` is for errors.
+
+    Raises:
+        InvalidInputError: It should stand on the ground, but is outside the stage.
+    """
+    T = geometry.pose_to_matrix(geometry.checked_pose(config.position_m, config.quat_xyzw))
+    if config.on_ground:
+        ground_m = float(ground.height_at([config.position_m[:2]])[0])
+        if not np.isfinite(ground_m):
+            path = f"{field}.position_m"
+            raise InvalidInputError(path, list(config.position_m), "a position on the stage")
+        T[2, 3] += ground_m
+    return scaled(T, config.scale)
+
+
+def make_primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:
+    """Return the primitive of a configuration."""
+    return Primitive(
+        shape=config.shape,
+        size_m=config.size_m,
+        T_map_object=geometry.pose_to_matrix(Pose(config.position_m, config.quat_xyzw)),
+        instance_id=instance_id,
+        semantic_ids=config.semantic_ids,
+        color_srgb=config.color_srgb,
+    )
+
+
+def _rock_shapes(
+    group: RockGroupConfig, maps: PbrMaps | None, rng: np.random.Generator
+) -> list[MeshPrototype]:
+    subdivisions = 4 if group.size_m[1] > LARGE_ROCK_M else 3
+    return [
+        replace(make_rock(group.kind, rng, subdivisions), maps=maps) for _ in range(group.variants)
+    ]
+
+
+def _rock_poses(
+    group: RockGroupConfig,
+    factor: float,
+    ground: Ground,
+    shapes: list[MeshPrototype],
+    rng: np.random.Generator,
+) -> FloatArray:
+    least, most = group.count
+    count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MOST_INSTANCES)
+    T_map_object, _ = scatter_on(
+        ground,
+        count,
+        group.size_m,
+        rng,
+        size_exponent=group.size_exponent,
+        sink=group.sink,
+        max_slope_deg=group.max_slope_deg,
+        preference=family_density(group.kind, ground),
+        height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
+    )
+    return T_map_object

@@ -1,0 +1,182 @@
+"""Prototypes of objects, made from built-in shapes and users' files."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.config.sections.groups import GroupConfig
+from oaisys_core.config.sections.objects import ShapedConfig
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.procedural.meshes.checks import local_origin
+from oaisys_core.procedural.meshes.files import (
+    R_Z_UP_FROM_Y_UP,
+    Y_UP_SUFFIXES,
+    LoadedMesh,
+    load_mesh,
+)
+from oaisys_core.procedural.scatter.groups import size_classes_m
+from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
+from oaisys_core.procedural.scatter.shapes import check_shape, make_shape
+from oaisys_core.procedural.textures import TEXTURES, default_cache_dir, texture_set
+from oaisys_core.scene import MeshPrototype, PbrMaps
+
+LOG = logging.getLogger(__name__)
+
+FAR_SIZES = 100
+"""Distance of a mesh from its origin, in its sizes, from which float32 blurs it."""
+
+ROCK_VARIANTS, OTHER_VARIANTS = 24, 3
+"""Number of meshes of a group that says nothing else."""
+
+
+class PrototypeLibrary:
+    """Makes prototypes, and reads each file and texture only once.
+
+    Args:
+        rock_texture: Texture set of rocks without their own.
+        tile_m: Edge length of its tile, and of other textures without ``tile_m``.
+        size_px, seed: Size and seed of built-in texture sets.
+    """
+
+    def __init__(self, rock_texture: str, tile_m: float, size_px: int, seed: int) -> None:
+        self._rock_texture, self._tile_m = rock_texture, tile_m
+        self._size_px, self._seed = size_px, seed
+        self._maps: dict[tuple[str, float], PbrMaps] = {}
+        self._files: dict[tuple[Path, str | None, str | None], MeshPrototype] = {}
+
+    def check(self, config: ShapedConfig, field: str) -> None:
+        """Raise on shapes and textures that do not exist, and on files without a mesh.
+
+        Raises:
+            InvalidInputError: Its path begins with ``field``.
+            BackendUnavailableError: It is a .blend file and Blender is not installed.
+        """
+        if config.shape is not None:
+            check_shape(config.shape, f"{field}.shape")
+        if config.texture is not None and config.texture not in TEXTURES:
+            expected = one_of(TEXTURES, config.texture)
+            raise InvalidInputError(f"{field}.texture", config.texture, expected)
+        if config.file is not None:
+            self._from_file(config, f"{field}.file")
+
+    def rock_maps(self) -> PbrMaps:
+        """Return the texture set of rocks without their own."""
+        return self._textured(self._rock_texture, self._tile_m)
+
+    def prototype(
+        self,
+        config: ShapedConfig,
+        rng: np.random.Generator,
+        largest_m: float = 1.0,
+        detail: int | None = None,
+        plant_m: float = 1.0,
+    ) -> MeshPrototype:
+        """Return the prototype of an object at its own size.
+
+        Args:
+            rng: Draws built-in shapes.
+            largest_m, detail, plant_m: See `make_shape`.
+        """
+        if config.shape is not None:
+            look = make_shape(config.shape, rng, largest_m, detail, plant_m)
+        else:
+            look = self._from_file(config, "file")
+        return self._coloured(look, config)
+
+    def group_prototypes(self, group: GroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
+        """Return the variants of each size class of a group, each 1 m along its longest axis."""
+        usual = ROCK_VARIANTS if group.shape in ROCK_KINDS else OTHER_VARIANTS
+        count = 1 if group.shape is None else group.variants or usual
+        classes = size_classes_m(group)
+        count = -(-count // len(classes))
+        looks = [
+            self.prototype(group, rng, group.size_m[1], group.detail, middle_m)
+            for middle_m in classes
+            for _ in range(count)
+        ]
+        return [_of_size_1(look) for look in looks]
+
+    def _coloured(self, look: MeshPrototype, config: ShapedConfig) -> MeshPrototype:
+        if config.color_srgb is not None:
+            bare = replace(look, vertex_colors_srgb=None, uv=None, color_image_srgb=None)
+            return replace(bare, color_srgb=config.color_srgb)
+        texture = config.texture
+        if texture is None and config.shape in ROCK_KINDS:
+            texture = self._rock_texture
+        if texture is None:
+            return look
+        return replace(look, maps=self._textured(texture, config.tile_m or self._tile_m))
+
+    def _textured(self, name: str, tile_m: float) -> PbrMaps:
+        if (name, tile_m) not in self._maps:
+            maps = texture_set(name, self._size_px, self._seed, default_cache_dir())
+            self._maps[name, tile_m] = replace(maps, tile_m=tile_m)
+        return self._maps[name, tile_m]
+
+    def _from_file(self, config: ShapedConfig, field: str) -> MeshPrototype:
+        path = config.file
+        if path is None:
+            raise InvalidInputError(field, path, "a file")
+        key = (path, config.object_name, config.up_axis)
+        if key not in self._files:
+            mesh = load_mesh(path, config.object_name, field)
+            self._files[key] = MeshPrototype(
+                name=mesh.name,
+                vertices_m=_upright(_near_origin(mesh, path), path, config.up_axis),
+                triangles=mesh.triangles,
+                color_srgb=_mean_color(mesh.vertex_colors_srgb, mesh.color_image_srgb),
+                vertex_colors_srgb=mesh.vertex_colors_srgb,
+                uv=mesh.uv,
+                color_image_srgb=mesh.color_image_srgb,
+            )
+        return self._files[key]
+
+
+def _near_origin(mesh: LoadedMesh, path: Path) -> NDArray[np.float32]:
+    """Return the vertices of a mesh, moved to the origin if they lie far from it."""
+    origin = local_origin(mesh.vertices_m)
+    size = float(np.ptp(mesh.vertices_m, axis=0).max())
+    origin = np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
+    if origin.any():
+        LOG.warning(
+            "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
+            path,
+            ", ".join(f"{value:g}" for value in origin),
+        )
+    return np.asarray(mesh.vertices_m - origin, np.float32)
+
+
+def _upright(
+    vertices_m: NDArray[np.float32], path: Path, up_axis: str | None
+) -> NDArray[np.float32]:
+    """Return vertices rotated so that the given axis of the file points up."""
+    was_turned = path.suffix.lower() in Y_UP_SUFFIXES
+    if up_axis is None or was_turned == (up_axis == "y"):
+        return vertices_m
+    R = R_Z_UP_FROM_Y_UP.T if was_turned else R_Z_UP_FROM_Y_UP
+    return (vertices_m @ R.T).astype(np.float32)
+
+
+def _of_size_1(look: MeshPrototype) -> MeshPrototype:
+    """Return a mesh scaled to 1 m along its longest axis, the centre of its base at the origin."""
+    low, high = look.vertices_m.min(axis=0), look.vertices_m.max(axis=0)
+    size_m = float((high - low).max())
+    if abs(size_m - 1) < 1e-5 and abs(low[2]) < 0.2:
+        return look
+    base = np.array(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+    return replace(look, vertices_m=((look.vertices_m - base) / size_m).astype(np.float32))
+
+
+def _mean_color(
+    vertex_colors: NDArray[np.uint8] | None, image: NDArray[np.uint8] | None
+) -> tuple[float, float, float]:
+    colors = image if image is not None else vertex_colors
+    if colors is None:
+        return (0.5, 0.5, 0.5)
+    red, green, blue = colors.reshape(-1, 3).mean(axis=0) / 255
+    return (float(red), float(green), float(blue))

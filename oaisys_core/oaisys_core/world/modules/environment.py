@@ -1,0 +1,267 @@
+"""The module that draws sun, sky, air and lamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from math import log, radians
+from typing import TypeVar
+
+import numpy as np
+
+from oaisys_core import randomness
+from oaisys_core.color import linear
+from oaisys_core.config.sections.environment import (
+    CloudsConfig,
+    EnvironmentConfig,
+    HazeConfig,
+    HdriConfig,
+    SkyConfig,
+)
+from oaisys_core.procedural.environment.dust import shares_under_dust
+from oaisys_core.procedural.environment.effects import load_effects
+from oaisys_core.procedural.environment.hdri import SkyImages, images_of
+from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
+from oaisys_core.procedural.environment.sun import azimuth_in_map, sun_position
+from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
+from oaisys_core.world.module import Metadata, SectionModule, World, overridden
+from oaisys_core.world.modules.lamps import check_changes, lamps_that_are_on
+
+LEAST_CONTRAST = 0.02
+"""Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
+
+THICKNESS, MOST_THICKNESS_M = 0.1, 60.0
+"""Default thickness of the haze layer below the sky: a share of the visual range, up to a limit.
+
+With the limit, haze of kilometres pales the sky within a few degrees of the horizon only. Models of
+the sky contain the air above it.
+"""
+
+CLOUD_PATTERN_SIZES = 500.0
+"""Part of the endless pattern of clouds in which worlds are, in sizes of a cloud."""
+
+WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
+"""Wavelengths of red, green and blue; the visual range refers to green."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class NamedDraws:
+    """The random draws of one redraw; draws with different names are independent.
+
+    Attributes:
+        seed: Seed of the batch.
+        index: Index of the redraw within the batch, from 0.
+    """
+
+    seed: int
+    index: int = 0
+
+    def rng(self, name: str) -> np.random.Generator:
+        """Return a new generator for a name."""
+        return randomness.stream(self.seed, name, self.index)
+
+    def number(self, name: str, bounds: tuple[float, float]) -> float:
+        """Return a number drawn uniformly from a range."""
+        least, most = bounds
+        return least if least == most else float(self.rng(name).uniform(least, most))
+
+    def pick(self, name: str, options: Sequence[T]) -> T:
+        """Return one of the options, drawn uniformly."""
+        return options[int(self.rng(name).integers(len(options)))]
+
+    def pick_shuffled(self, name: str, options: Sequence[T]) -> T:
+        """Return one option per redraw, in random order, none twice before all were returned."""
+        turn, place = divmod(self.index, len(options))
+        order = randomness.stream(self.seed, name, turn).permutation(len(options))
+        return options[int(order[place])]
+
+
+class EnvironmentModule(SectionModule[EnvironmentConfig]):
+    """Draws the light of a batch; a step's metadata overrides any field of its configuration.
+
+    A drawn value depends only on the batch's seed, the index of the redraw and the field's name.
+    """
+
+    name = "environment"
+    metadata_part = "environment"
+
+    def __init__(self, config: EnvironmentConfig) -> None:
+        super().__init__(config)
+        self._images = SkyImages()
+        self._seed = 0
+
+    def setup(self) -> None:
+        """Raise if a file or an effect does not exist."""
+        _check_names(self._config)
+
+    def check(self, metadata: Metadata) -> None:
+        """Raise on unknown keys, invalid values, and files, effects or lamps that do not exist."""
+        check_changes(self._config.lamps, metadata)
+        _check_names(overridden(self._config, metadata, self.metadata_part))
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """Raise as `check` does, with the metadata applied to the current values."""
+        check_changes(self._now.lamps, metadata)
+        _check_names(overridden(self._now, metadata, self.metadata_part))
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Start a batch with the configuration, changed by the metadata."""
+        self._seed = int(rng.integers(2**63))
+        super().step_batch(world, metadata, rng)
+
+    def apply(self, world: World, section: EnvironmentConfig) -> None:
+        """Set sun, sky and lamps."""
+        sun = section.sun_from_time
+        self.changes_by_itself = section.redraw == "sample" or bool(sun and sun.s_per_sample)
+        draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
+        sky = replace(self._sky(section, draws, world.sample_id), dips=world.is_in_land)
+        for index, effect in enumerate(load_effects(section.effects)):
+            sky = effect.apply(sky, draws.rng(f"effects.{index}"))
+        world.sky = sky
+        strengths_w = {
+            name: draws.number(f"lamps.{name}.strength_w", lamp.strength_w)
+            for name, lamp in section.lamps.items()
+        }
+        world.lamps = lamps_that_are_on(section.lamps, strengths_w, world.ground)
+        for thing in section.labelled:
+            world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
+
+    def _sky(self, config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> Sky:
+        elevation_rad, azimuth_rad = _sun(config, draws, sample_id)
+        diameter_deg = draws.number("sun_angular_diameter_deg", config.sun_angular_diameter_deg)
+        ground = config.ground_beyond_label
+        gradient = _gradient(config.sky)
+        sun_w_m2 = draws.number("sun_strength_w_m2", config.sun_strength_w_m2)
+        sky_strength = draws.number("sky_strength", config.sky_strength)
+        if config.optical_depth is not None:
+            depth = draws.number("optical_depth", config.optical_depth)
+            shares = shares_under_dust(depth, elevation_rad)
+            sky_strength *= sun_w_m2 * _strength_of(shares.diffuse, gradient, elevation_rad)
+            sun_w_m2 *= shares.direct
+        return Sky(
+            sun_elevation_rad=elevation_rad,
+            sun_azimuth_rad=azimuth_rad,
+            sun_strength_w_m2=sun_w_m2,
+            sun_angular_diameter_rad=radians(diameter_deg),
+            sky_strength=sky_strength,
+            air=draws.number("air", config.air),
+            dust=draws.number("dust", config.dust),
+            ozone=draws.number("ozone", config.ozone),
+            semantic_ids=config.sky_labels.semantic_ids,
+            altitude_m=draws.number("altitude_m", config.altitude_m),
+            sun_disc=draws.number("sun_disc", config.sun_disc),
+            model=config.sky.model,
+            gradient=gradient,
+            hdri=self._hdri(config.hdri, config.sky_labels.semantic_ids, draws),
+            haze=_haze(config.haze, draws),
+            clouds=_clouds(config.clouds, draws),
+            has_plain=config.ground_beyond,
+            ground_semantic_ids=ground.semantic_ids if ground else None,
+        )
+
+    def _hdri(
+        self, config: HdriConfig | None, sky_ids: tuple[int, ...], draws: NamedDraws
+    ) -> Hdri | None:
+        if config is None:
+            return None
+        images = images_of(config)
+        if config.use is not None:
+            image = next(each for each in images if each.file.stem == config.use)
+        elif config.choose == "random":
+            image = draws.pick("hdri", images)
+        elif config.choose == "shuffle":
+            image = draws.pick_shuffled("hdri", images)
+        else:
+            image = images[draws.index % len(images)]
+        ids = image.semantic_ids if any(image.semantic_ids) else sky_ids
+        rotation_deg = image.rotation_deg or config.rotation_deg
+        return Hdri(
+            image=self._images.load(image, ids),
+            rotation_rad=radians(draws.number("hdri.rotation_deg", rotation_deg)),
+            strength=draws.number("hdri.strength", image.strength or config.strength),
+            keeps_sun=config.keep_sun,
+            semantic_ids=ids,
+        )
+
+
+def _redraw(config: EnvironmentConfig, sample_id: int) -> int:
+    """Return the index of the redraw that a sample belongs to."""
+    if config.redraw == "batch" or sample_id == 0:
+        return 0
+    return (sample_id - 1) // config.step_interval
+
+
+def _sun(config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> tuple[float, float]:
+    """Return the sun's elevation and azimuth in ``map``."""
+    at = config.sun_from_time
+    if at is None:
+        elevation_deg = draws.number("sun_elevation_deg", config.sun_elevation_deg)
+        azimuth_deg = draws.number("sun_azimuth_deg", config.sun_azimuth_deg)
+        return radians(elevation_deg), radians(azimuth_deg)
+    elapsed_s = at.s_per_sample * max(sample_id - 1, 0)
+    later = timedelta(hours=draws.number("sun_from_time.later_h", at.later_h), seconds=elapsed_s)
+    seen = sun_position(at.date_time + later, at.latitude_deg, at.longitude_deg)
+    return seen.elevation_rad, azimuth_in_map(seen.azimuth_rad, radians(at.north_offset_deg))
+
+
+def _gradient(config: SkyConfig) -> Gradient:
+    return Gradient(
+        zenith=_color(config.zenith_srgb),
+        horizon=_color(config.horizon_srgb),
+        glow=_color(config.glow_srgb),
+        glow_rad=radians(config.glow_deg),
+    )
+
+
+def _strength_of(share: float, gradient: Gradient, sun_elevation_rad: float) -> float:
+    """Return the strength at which a plain sky gives level ground a share of 1 W/m² of sunlight.
+
+    After sunset it becomes darker as fast as Earth's.
+    """
+    irradiance_w_m2 = np.array(gradient_irradiance_w_m2(gradient, sun_elevation_rad))
+    twilight = daylight(min(sun_elevation_rad, 0.0)) / daylight(0.0)
+    luminance = float(irradiance_w_m2 @ LUMINANCE)
+    return share * twilight / luminance if luminance > 0 else 0.0
+
+
+def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:
+    """Return the haze of a configuration."""
+    if config is None:
+        return None
+    visibility_m = draws.number("haze.visibility_m", config.visibility_m)
+    exponent = draws.number("haze.angstrom_exponent", config.angstrom_exponent)
+    at_green = -log(LEAST_CONTRAST) / visibility_m
+    red, green, blue = (at_green * (WAVELENGTHS_NM / WAVELENGTHS_NM[1]) ** -exponent).tolist()
+    thickness_m = min(visibility_m * THICKNESS, MOST_THICKNESS_M)
+    if config.thickness_m is not None:
+        thickness_m = draws.number("haze.thickness_m", config.thickness_m)
+    tint = linear(config.color_srgb)
+    tint_red, tint_green, tint_blue = (tint / max(tint.mean(), 1e-6)).tolist()
+    return Haze((red, green, blue), thickness_m, (tint_red, tint_green, tint_blue))
+
+
+def _clouds(config: CloudsConfig | None, draws: NamedDraws) -> Clouds | None:
+    """Return the clouds of a configuration."""
+    if config is None:
+        return None
+    x, y = draws.rng("clouds").uniform(0.0, CLOUD_PATTERN_SIZES, 2).tolist()
+    return Clouds(
+        cover=draws.number("clouds.cover", config.cover),
+        base_m=draws.number("clouds.base_m", config.base_m),
+        size_m=draws.number("clouds.size_m", config.size_m),
+        start=(x, y),
+    )
+
+
+def _color(srgb: Color) -> Color:
+    red, green, blue = linear(srgb).tolist()
+    return (red, green, blue)
+
+
+def _check_names(config: EnvironmentConfig) -> None:
+    load_effects(config.effects)
+    if config.hdri is not None:
+        images_of(config.hdri)

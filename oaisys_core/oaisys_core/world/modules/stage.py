@@ -1,0 +1,188 @@
+"""The module that draws, reads or reuses the ground of a batch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.config.sections.stage import ReuseConfig, StageConfig, StageMeshConfig
+from oaisys_core.config.sections.water import WaterConfig
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.procedural.meshes.files import load_mesh
+from oaisys_core.procedural.terrain.dem import import_dem
+from oaisys_core.procedural.terrain.detail import Detail
+from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
+from oaisys_core.procedural.terrain.presets import check_preset, make_ground
+from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
+from oaisys_core.procedural.terrain.water import Water, WaterLook, level_from_share, water_on
+from oaisys_core.scene import Ground
+from oaisys_core.types import merged
+from oaisys_core.world.module import Metadata, Module, World, overridden
+from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
+
+
+class StageModule(Module):
+    """Draws the ground of a batch, reads it from a file, or reuses a stored one.
+
+    The batch metadata ``custom["stage"]`` may override any key of the configuration.
+    """
+
+    name = "stage"
+    metadata_part = "stage"
+    changes_by_itself = False
+
+    def __init__(self, config: StageConfig, lowest_sun_rad: float | None = None) -> None:
+        """Make the module.
+
+        Args:
+            config: Its section.
+            lowest_sun_rad: Lowest elevation of the sun, which hills beyond the stage leave free;
+                None for no such limit.
+
+        Raises:
+            ConfigError: There is no such preset.
+        """
+        try:
+            check_preset(config.preset)
+        except InvalidInputError as error:
+            raise ConfigError(str(error)) from error
+        self._config = config
+        self._lowest_sun_rad = lowest_sun_rad
+        self._hash = ""
+
+    def check(self, metadata: Metadata) -> None:
+        """Raise on unknown keys, invalid values and presets that do not exist."""
+        config = overridden(self._config, metadata, self.metadata_part)
+        check_preset(config.preset)
+        store = self._config.store
+        if config.store != store:
+            expected = f"{store}, as configured, because a step must not write elsewhere"
+            raise InvalidInputError("metadata.stage.store", str(config.store), expected)
+        if config.mesh is not None and "mesh" in (metadata or {}):
+            # Load the mesh now, so that an invalid one is refused before the world changes.
+            _mesh_ground(config.mesh)
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """Raise on any metadata: the ground is drawn once per batch."""
+        if metadata:
+            raise InvalidInputError("metadata.stage", dict(metadata), "none at a sample step")
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Put a new or a stored ground into the world.
+
+        Raises:
+            InvalidInputError: A file cannot be used.
+        """
+        config = overridden(self._config, metadata, self.metadata_part)
+        world.stage_notes = {}
+        if config.reuse is not None:
+            world.ground = self.record(config.reuse).ground
+        else:
+            world.ground = _new_ground(config, rng, world.stage_notes)
+        world.stage_hash = content_hash(world.ground)
+        world.stage_notes["hash"] = self._hash = world.stage_hash
+        world.drawn_ground = world.ground
+        world.detail = _detail(config, rng)
+        world.water = _water(config.water, world.ground)
+        if config.water is not None:
+            world.semantic_labels.update(config.water.labels)
+        world.surroundings = Surroundings(
+            kind=config.surroundings,
+            seed=_seed_of(rng),
+            body_radius_m=config.body_radius_m,
+            lowest_sun_rad=self._lowest_sun_rad,
+        )
+
+    def in_force(self, metadata: Metadata) -> Metadata:
+        """Return the metadata with a reused stage given by its hash, because names may change."""
+        reuse = self.reuse(metadata)
+        if reuse is None or reuse.name is None:
+            return metadata
+        return merged(metadata, {"reuse": {"name": self._hash}})
+
+    def reuse(self, metadata: Metadata) -> ReuseConfig | None:
+        """Return which stage a batch with this metadata reuses, if any."""
+        return overridden(self._config, metadata, self.metadata_part).reuse
+
+    def record(self, reuse: ReuseConfig) -> StageRecord:
+        """Return a stored stage.
+
+        Raises:
+            InvalidInputError: There is no stage of that name, or its file is damaged.
+        """
+        if reuse.file is not None:
+            return load_stage(reuse.file)
+        path = _path(self._config.store, str(reuse.name))
+        if path is None or not path.is_file():
+            expected = f"the hash or name of a stage in the store ({self._config.store})"
+            raise InvalidInputError("stage.reuse.name", reuse.name, expected)
+        return load_stage(path, "stage.reuse.name")
+
+    def keep(self, record: StageRecord, metadata: Metadata) -> None:
+        """Store the stage of a batch under its hash, and under its name if it has one.
+
+        Raises:
+            InvalidInputError: The store is not writable.
+        """
+        config = overridden(self._config, metadata, self.metadata_part)
+        path = _path(config.store, record.stage_hash)
+        if path is not None and not path.is_file():
+            save_stage(path, record)
+        named = _path(config.store, config.save_as) if config.save_as else None
+        if named is not None:
+            save_stage(named, record)
+
+
+def _path(store: Path | None, name: str) -> Path | None:
+    return None if store is None else store / f"{name}{SUFFIX}"
+
+
+def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, Any]) -> Ground:
+    if config.mesh is not None:
+        mesh = _mesh_ground(config.mesh)
+        if any(mesh.local_origin_m):
+            notes["local_origin_m"] = list(mesh.local_origin_m)
+        return mesh
+    if config.dem is not None:
+        dem = config.dem.model_dump()
+        imported = import_dem(dem.pop("file"), **dem)
+        notes.update(holes=imported.holes, filled_px=imported.filled_px)
+        return imported.ground
+    return make_ground(
+        config.preset,
+        config.extent_m,
+        config.resolution_px,
+        rng,
+        roughness=config.roughness,
+        relief_m=config.relief_m,
+    )
+
+
+def _mesh_ground(config: StageMeshConfig) -> MeshGround:
+    mesh = load_mesh(config.file, config.object, "stage.mesh.file")
+    return mesh_ground(mesh, config.scale, config.up, config.position_m)
+
+
+def _water(config: WaterConfig | None, ground: Ground) -> Water | None:
+    if config is None:
+        return None
+    level_m = config.level_m
+    if level_m is None:
+        level_m = level_from_share(ground, config.level_share or 0.0)
+    look = WaterLook(config.clarity_m, config.color_srgb, config.waves)
+    return water_on(ground, level_m, config.semantic_ids, look, config.wet_bank_m)
+
+
+def _detail(config: StageConfig, rng: np.random.Generator) -> Detail | None:
+    if config.detail is None:
+        return None
+    return Detail(seed=_seed_of(rng), **config.detail.model_dump())
+
+
+def _seed_of(rng: np.random.Generator) -> int:
+    """Return a seed that does not depend on what has been drawn."""
+    seeds = rng.bit_generator.seed_seq
+    words = seeds.generate_state(1, np.uint64)
+    return int(words[0] >> np.uint64(1))

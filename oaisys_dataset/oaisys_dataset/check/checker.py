@@ -1,0 +1,210 @@
+"""The check of a whole data set."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core.config import config_from_mapping, config_sha256
+from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.verification.audit import sum_results
+from oaisys_dataset.check.manifests import DueViews, due_views
+from oaisys_dataset.check.report import MOST_FINDINGS, CheckReport, Finding, ShardResult
+from oaisys_dataset.check.shard import check_shard
+from oaisys_dataset.check.truth import TruthCheck, TruthResult
+from oaisys_dataset.manifest import DatasetInfo
+from oaisys_dataset.places import StoragePlace, open_place
+from oaisys_dataset.reader import Dataset, open_dataset
+from oaisys_dataset.shards import (
+    HEAD,
+    SHARDS,
+    failed_worlds,
+    finished_worlds,
+    read_head,
+    tar_name,
+)
+
+
+def check_dataset(
+    where: str | Path,
+    worlds_rebuilt: int = 1,
+    seed: int = 0,
+    on_world: Callable[[int, int], None] = lambda _done, _total: None,
+) -> CheckReport:
+    """Check every file of a data set, and the images of some worlds against the worlds themselves.
+
+    Args:
+        where: Its folder or URL.
+        worlds_rebuilt: Number of worlds, drawn at random, that are made again.
+        seed: Draws the worlds, views and pixels that are compared.
+        on_world: Receives the number of worlds that are done, and how many there are to do.
+
+    Raises:
+        InvalidInputError: There is no data set, or its head cannot be read.
+    """
+    place = open_place(where)
+    info = read_head(place)
+    worlds = finished_worlds(place)
+    rng = np.random.default_rng(seed)
+    summary = _Summary(place, info)
+    due = summary.check_head()
+    total = len(worlds) + min(worlds_rebuilt, len(worlds))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        shards = threads.map(lambda world: check_shard(place, info, due, world), worlds)
+        for done, shard in enumerate(shards, start=1):
+            summary.add(shard)
+            on_world(done, total)
+    chosen = _drawn(summary.sound_worlds, worlds_rebuilt, rng)
+    summary.rebuild(where, chosen, rng, lambda done: on_world(len(worlds) + done, total))
+    return summary.report()
+
+
+class _Summary:
+    """Collects what is found, and compares the worlds with one another."""
+
+    def __init__(self, place: StoragePlace, info: DatasetInfo) -> None:
+        self._place = place
+        self._info = info
+        self._findings: list[Finding] = []
+        self._findings_total = 0
+        self._counts: Counter[str] = Counter()
+        self._splits: dict[int, str] = {}
+        self._world_of_seed: dict[int, int] = {}
+        self._frame_of_print: dict[bytes, str] = {}
+        self._rebuilt: list[int] = []
+        self._truth = TruthResult()
+        self._notes: list[str] = []
+        self.sound_worlds: list[int] = []
+
+    def check_head(self) -> DueViews:
+        """Check the head, and that each planned world is finished or has failed.
+
+        Returns:
+            The views at which sensors are due; none if the configuration cannot be used.
+        """
+        due = DueViews({}, {})
+        try:
+            sha256 = config_sha256(config_from_mapping(self._info.config))
+            due = due_views(self._info)
+        except ConfigError as error:
+            self._found([Finding("head", HEAD, str(error))])
+        else:
+            if sha256 != self._info.config_sha256:
+                text = f"its configuration has the hash {sha256}, recorded is another one"
+                self._found([Finding("head", HEAD, text)])
+        finished, failed = finished_worlds(self._place), failed_worlds(self._place)
+        missing = sorted(set(range(self._info.worlds)) - {*finished, *failed})
+        if missing:
+            shown = ", ".join(map(str, missing[:5]))
+            text = f"{len(missing)} of {self._info.worlds} worlds are not finished: {shown}"
+            self._found([Finding("missing", HEAD, text)])
+        unexpected = [world for world in finished if world >= self._info.worlds]
+        whole = {tar_name(world) for world in finished}
+        tars = [name for name in self._place.names(SHARDS) if name.endswith(".tar")]
+        self._found(
+            Finding("head", tar_name(w), "the data set has fewer worlds") for w in unexpected
+        )
+        self._found(Finding("shard", t, "it has no manifest") for t in tars if t not in whole)
+        return due
+
+    def add(self, shard: ShardResult) -> None:
+        """Add the result of a world."""
+        self._found(shard.findings)
+        self._counts["worlds"] += 1
+        self._counts["frames"] += shard.records
+        self._counts["images"] += shard.images
+        self._counts["scans"] += shard.scans
+        self._counts["image_bytes"] += shard.image_bytes
+        if shard.splits:
+            self._splits[shard.world] = min(shard.splits)
+        for seed in shard.seeds:
+            self._check_seed(seed, shard.world)
+        for frame, pixels in shard.prints.items():
+            first = self._frame_of_print.setdefault(pixels, frame)
+            if first != frame:
+                text = f"all its images equal those of {first}"
+                self._found([Finding("duplicate", frame, text)])
+        if not any(f.check in ("manifest", "shard", "image") for f in shard.findings):
+            self.sound_worlds.append(shard.world)
+
+    def rebuild(
+        self,
+        where: str | Path,
+        worlds: Sequence[int],
+        rng: np.random.Generator,
+        on_world: Callable[[int], None],
+    ) -> None:
+        """Compare the frames of some worlds with the worlds themselves."""
+        if not worlds:
+            return
+        try:
+            dataset = open_dataset(where)
+            truth = TruthCheck(self._info, rng)
+        except OaisysError as error:
+            self._found([Finding("head", HEAD, f"its worlds cannot be made again: {error}")])
+            return
+        try:
+            for done, world in enumerate(worlds, start=1):
+                self._compare(truth, dataset, world)
+                on_world(done)
+        finally:
+            truth.close()
+        self._notes += truth.notes
+
+    def report(self) -> CheckReport:
+        """Return the report."""
+        return CheckReport(
+            place=self._place.url,
+            worlds=self._counts["worlds"],
+            frames=self._counts["frames"],
+            images=self._counts["images"],
+            image_bytes=self._counts["image_bytes"],
+            failed_worlds=tuple(failed_worlds(self._place)),
+            splits=dict(Counter(self._splits.values())),
+            rebuilt_worlds=tuple(self._rebuilt),
+            points=self._truth.points,
+            audited=tuple(sum_results(self._truth.audited)),
+            notes=tuple(self._notes),
+            findings=tuple(self._findings),
+            findings_total=self._findings_total,
+            scans=self._counts["scans"],
+            scan_points=self._truth.scan_points,
+        )
+
+    def _compare(self, truth: TruthCheck, dataset: Dataset, world: int) -> None:
+        try:
+            found = truth.check(dataset, world)
+        except OaisysError as error:
+            text = f"it cannot be made again: {error}"
+            self._found([Finding("surface", f"world {world}", text)])
+            return
+        self._rebuilt.append(world)
+        self._found(found.findings)
+        self._truth.points += found.points
+        self._truth.scan_points += found.scan_points
+        self._truth.audited += found.audited
+
+    def _check_seed(self, seed: int, world: int) -> None:
+        first = self._world_of_seed.setdefault(seed, world)
+        if first != world:
+            splits = f"{self._splits.get(first)} and {self._splits.get(world)}"
+            text = f"it is the same world as {first}: both have the seed {seed} ({splits})"
+            self._found([Finding("split", f"world {world}", text)])
+
+    def _found(self, findings: Iterable[Finding]) -> None:
+        for finding in findings:
+            self._findings_total += 1
+            if len(self._findings) < MOST_FINDINGS:
+                self._findings.append(finding)
+
+
+def _drawn(worlds: Sequence[int], count: int, rng: np.random.Generator) -> list[int]:
+    if not worlds:
+        return []
+    chosen = rng.choice(len(worlds), min(count, len(worlds)), replace=False)
+    return sorted(worlds[number] for number in chosen.tolist())

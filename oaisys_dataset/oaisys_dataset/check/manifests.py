@@ -1,0 +1,190 @@
+"""The check of one world's manifests: the lines of its frames and of its lidar scans."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.config.sections.lidars import LidarConfig
+from oaisys_core.config.sections.sensors import CameraConfig
+from oaisys_core.errors import OaisysError
+from oaisys_core.geometry import is_rigid
+from oaisys_core.output.records import pose_from_record, provenance_from_record
+from oaisys_core.types import POINTS
+from oaisys_dataset.check.report import ShardResult
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord, frame_id, is_intact
+from oaisys_dataset.manifest_lines import RecordT
+from oaisys_dataset.places import StoragePlace
+from oaisys_dataset.scans import ScanRecord
+from oaisys_dataset.shards import manifest_name, scans_name
+
+
+class DueViews(NamedTuple):
+    """The views at which each sensor of the rig must have measured, by its name."""
+
+    cameras: Mapping[str, Sequence[int]]
+    lidars: Mapping[str, Sequence[int]]
+
+
+def due_views(info: DatasetInfo) -> DueViews:
+    """Return the views at which sensors are due by their intervals.
+
+    Raises:
+        ConfigError: The configuration of the data set cannot be used here.
+    """
+    config = config_from_mapping(info.config)
+    sensors, renders = config.sensors, config.render.renders
+    return DueViews(
+        {
+            camera.name: _views_of(camera, filter(renders, camera.modalities), info.views)
+            for camera in sensors.all_cameras
+        },
+        {lidar.name: _views_of(lidar, (POINTS,), info.views) for lidar in sensors.lidars},
+    )
+
+
+def _views_of(
+    sensor: CameraConfig | LidarConfig, modalities: Iterable[str], views: int
+) -> list[int]:
+    due = range(sensor.step_offset, views, sensor.step_interval)
+    intervals = sensor.modality_intervals if isinstance(sensor, CameraConfig) else {}
+    every = [intervals.get(modality, 1) for modality in modalities]
+    return [view for turn, view in enumerate(due) if any(turn % each == 0 for each in every)]
+
+
+def checked_manifests(
+    place: StoragePlace, info: DatasetInfo, due: DueViews, result: ShardResult
+) -> tuple[list[FrameRecord], list[ScanRecord]]:
+    """Return the frames and scans of a world whose records can be read."""
+    name = manifest_name(result.world)
+    frames = _checked_lines(
+        place, name, FrameRecord.from_json, lambda frame: _check_frame(frame, info, result), result
+    )
+    result.records = len(frames)
+    if not frames:
+        result.found("manifest", name, "it has no frame")
+    scans: list[ScanRecord] = []
+    of_scans = scans_name(result.world)
+    if due.lidars and place.exists(of_scans):
+        scans = _checked_lines(
+            place, of_scans, ScanRecord.from_json, lambda s: _check_scan(s, info, result), result
+        )
+    _check_world([*frames, *scans], result)
+    if frames:
+        _check_views(frames, due.cameras, name, result)
+    _check_views(scans, due.lidars, of_scans, result)
+    return frames, scans
+
+
+def _checked_lines(
+    place: StoragePlace,
+    name: str,
+    parse: Callable[[bytes, str], RecordT],
+    check: Callable[[RecordT], None],
+    result: ShardResult,
+) -> list[RecordT]:
+    """Return the records that can be read."""
+    *lines, rest = place.read(name).split(b"\n")
+    if rest:
+        result.found("manifest", name, f"its last line is cut off: {rest[:40]!r}")
+    records = []
+    for number, line in enumerate(lines, start=1):
+        where = f"{name}:{number}"
+        try:
+            record = parse(line, where)
+            check(record)
+        except (OaisysError, KeyError, TypeError, ValueError) as error:
+            result.found("manifest", where, str(error))
+            continue
+        if not is_intact(line):
+            result.found("manifest", _id(record), "the line was changed: its hash differs")
+        records.append(record)
+    return records
+
+
+def _check_frame(record: FrameRecord, info: DatasetInfo, result: ShardResult) -> None:
+    """Compare a record with itself, with its world and with the head of the data set."""
+    name = record.frame_id
+    _check_origin(record, info, result)
+    camera, T = record.camera, record.pose
+    if not np.array_equal(camera.K, record.intrinsics["K"]):
+        result.found("camera", name, "K differs from its focal lengths and principal point")
+    if not is_rigid(T):
+        result.found("camera", name, "T_map_camera is no rigid transform")
+    size = (camera.height_px, camera.width_px)
+    for modality, image in record.images.items():
+        if image.shape[:2] != size:
+            text = f"{image.shape[1]}x{image.shape[0]} pixels, its camera has {size[1]}x{size[0]}"
+            result.found("image", f"{name}/{modality}", text)
+        _check_file(image.file, name, modality, result)
+
+
+def _check_scan(record: ScanRecord, info: DatasetInfo, result: ShardResult) -> None:
+    """Compare a record with itself, with its world and with the head of the data set."""
+    _check_origin(record, info, result)
+    if not is_rigid(record.pose):
+        result.found("camera", record.scan_id, "T_map_lidar is no rigid transform")
+    _check_file(record.points.file, record.scan_id, POINTS, result)
+
+
+def _check_origin(record: FrameRecord | ScanRecord, info: DatasetInfo, result: ShardResult) -> None:
+    """Compare what says where a record is from."""
+    name = _id(record)
+    expected_id = frame_id(result.world, record.view, record.sensor)
+    if name != expected_id or record.world != result.world:
+        result.found("manifest", name, f"received world {record.world}, expected {expected_id}")
+    provenance = provenance_from_record(record.provenance)
+    pose_from_record(record.rig_pose)
+    for sha256 in {record.config_sha256, provenance.config_sha256} - {info.config_sha256}:
+        text = f"configuration {sha256[:12]}, expected {info.config_sha256[:12]} of dataset.json"
+        result.found("manifest", name, text)
+    if provenance.batch_seed != record.world_seed:
+        text = f"provenance has seed {provenance.batch_seed}, the record {record.world_seed}"
+        result.found("manifest", name, text)
+    if record.split not in info.splits:
+        result.found("split", name, f"{record.split!r}, expected one of {', '.join(info.splits)}")
+
+
+def _check_file(file: str, name: str, modality: str, result: ShardResult) -> None:
+    if not file.startswith(f"{name}.{modality}."):
+        text = f"its file is {file}, expected one of this sensor and modality"
+        result.found("manifest", f"{name}/{modality}", text)
+
+
+def _check_world(records: Sequence[FrameRecord | ScanRecord], result: ShardResult) -> None:
+    """Check that a world has one split and one seed, and that no id comes twice."""
+    for each, count in Counter(map(_id, records)).items():
+        if count > 1:
+            result.found("manifest", each, f"{count} lines have this id")
+    result.splits = {record.split for record in records}
+    result.seeds = {record.world_seed for record in records}
+    name = manifest_name(result.world)
+    if len(result.splits) > 1:
+        text = f"a world belongs to one split, its frames to {', '.join(sorted(result.splits))}"
+        result.found("split", name, text)
+    if len(result.seeds) > 1:
+        result.found("manifest", name, "its frames have different seeds of the world")
+
+
+def _check_views(
+    records: Sequence[FrameRecord | ScanRecord],
+    due: Mapping[str, Sequence[int]],
+    name: str,
+    result: ShardResult,
+) -> None:
+    """Check that each sensor has measured at each view at which it was due."""
+    found = {(record.sensor, record.view) for record in records}
+    for sensor, views in due.items():
+        missing = [view for view in views if (sensor, view) not in found]
+        if missing:
+            shown = ", ".join(map(str, missing[:5]))
+            text = f"{len(missing)} of {len(views)} views of {sensor}: {shown}"
+            result.found("missing", name, text)
+
+
+def _id(record: FrameRecord | ScanRecord) -> str:
+    return record.frame_id if isinstance(record, FrameRecord) else record.scan_id

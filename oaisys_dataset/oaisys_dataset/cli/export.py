@@ -1,0 +1,163 @@
+"""``oaisys dataset export`` and ``describe``: a data set for other programs, and about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from oaisys_core.errors import InvalidInputError, one_of
+
+if TYPE_CHECKING:
+    from oaisys_dataset.formats.base import DatasetFormat, ExportOptions
+    from oaisys_dataset.reader import Dataset
+
+EXPORTS = "exports"
+"""Folder in a data set that has its exports by default, each under its format's name."""
+
+PlaceArgument = Annotated[
+    str, typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False)
+]
+LicenseOption = Annotated[
+    str, typer.Option("--license", help="Licence of the data set: an SPDX name, URL or text.")
+]
+PriceOption = Annotated[
+    float | None, typer.Option(help="Price of one worker for an hour, for the data card.", min=0)
+]
+
+
+def _list_formats(is_asked: bool) -> None:
+    """Print the installed formats, and end the command."""
+    if is_asked:
+        from oaisys_dataset.formats.base import format_named, format_names
+
+        typer.echo("\n".join(_described(format_named(name)) for name in format_names()))
+        raise typer.Exit
+
+
+def export(
+    place: PlaceArgument,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", help="Name of a format; may be repeated.", show_default=False),
+    ] = None,
+    out: Annotated[
+        str | None,
+        typer.Option(help="New folder or URL for the export; default: DIR/exports/NAME."),
+    ] = None,
+    split: Annotated[str | None, typer.Option(help="Export only the worlds of this split.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="NAME=VALUE, a setting of the format; may be repeated."),
+    ] = None,
+    license_name: LicenseOption = "",
+    price_per_hour: PriceOption = None,
+    _shows_formats: Annotated[
+        bool,
+        typer.Option(
+            "--list",
+            help="List the installed formats and their settings, and exit.",
+            is_eager=True,
+            callback=_list_formats,
+        ),
+    ] = False,
+) -> None:
+    """Write the data set in DIR in other formats.
+
+    Each export has a README.md with its conventions, Croissant metadata and a data card.
+    """
+    # `oaisys --help` imports this module, so slow imports are done on use.
+    from oaisys_dataset.formats.base import ExportOptions, format_named, format_names
+    from oaisys_dataset.reader import open_dataset
+
+    chosen = [format_named(name).name for name in formats or ()]
+    if not chosen:
+        raise InvalidInputError("format", None, f"--format with one of {', '.join(format_names())}")
+    if out is not None and len(chosen) > 1:
+        raise InvalidInputError("out", out, "one --format, or no --out")
+    dataset = open_dataset(place)
+    if split is not None:
+        if split not in dataset.splits:
+            raise InvalidInputError("split", split, one_of(dataset.splits, split))
+        dataset = dataset.split(split)
+    given = dict(_setting(text) for text in settings or ())
+    for name in chosen:
+        options = ExportOptions(given, license_name, price_per_hour)
+        write_export(dataset, name, out or export_place(place, name), options)
+
+
+def export_place(place: str, name: str) -> str:
+    """Return where a data set has its export in a format by default.
+
+    Raises:
+        InvalidInputError: A link in the data set, which somebody else may have made, leads away.
+    """
+    exports = f"{place.rstrip('/')}/{EXPORTS}"
+    if "://" not in place and Path(exports).is_symlink():
+        raise InvalidInputError("out", exports, "a folder; it is a link (--out FOLDER)")
+    return f"{exports}/{name}"
+
+
+def write_export(dataset: Dataset, name: str, target: str, options: ExportOptions) -> None:
+    """Write a data set in a format, show the progress, and print what was written."""
+    from oaisys_dataset.formats.export import export_dataset
+
+    with _progress(name, len(dataset)) as shown:
+        counts = export_dataset(dataset, name, target, replace(options, progress=shown))
+    told = "; ".join(f"{count} {what}" for what, count in counts.items() if count)
+    typer.echo(f"{target}: {name}: {told}")
+
+
+def describe(
+    place: PlaceArgument, license_name: LicenseOption = "", price_per_hour: PriceOption = None
+) -> None:
+    """Write README.md, frames.csv, Croissant metadata and a data card into the data set in DIR.
+
+    They describe the worlds that are finished now, and replace earlier ones.
+    """
+    from oaisys_dataset.card.description import describe_dataset
+    from oaisys_dataset.formats.base import ExportOptions
+    from oaisys_dataset.reader import open_dataset
+
+    options = ExportOptions(license=license_name, price_per_hour=price_per_hour)
+    names = describe_dataset(open_dataset(place), options)
+    typer.echo(f"{place}: {', '.join(names)}")
+
+
+def _setting(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise InvalidInputError("set", text, "NAME=VALUE")
+    return name, value
+
+
+def _described(found: DatasetFormat) -> str:
+    """Return the lines about a format in the list."""
+    about = (type(found).__doc__ or "").split("\n")[0]
+    settings = [f"    --set {name}=...: {meaning}" for name, meaning in found.settings.items()]
+    return "\n".join([f"{found.name}: {about}", *settings])
+
+
+@contextmanager
+def _progress(name: str, frames: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on a terminal; yields what is called with the number of frames written."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(name, total=frames)
+        yield lambda done: bar.update(task, completed=done)

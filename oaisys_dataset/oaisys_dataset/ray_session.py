@@ -1,0 +1,351 @@
+"""A connection to Ray: one embedded in this process, or a cluster that runs already."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import secrets
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+from oaisys_core.system.leftovers import temporary_folder
+from oaisys_core.system.python_programs import python_environment
+from oaisys_core.system.socket_paths import socket_parent
+from oaisys_dataset import session_guard
+
+ADDRESS_VARIABLE = "RAY_ADDRESS"
+"""Environment variable with the address of a cluster, as Ray itself reads it."""
+
+MEMORY_PER_WORKER_GB = 2.5
+"""Memory reserved by default; Blender took up to 1.5 GB in worlds of 20,000 objects."""
+
+USED_SHARE = 0.85
+"""Share of the available memory that embedded workers may take together."""
+
+CLUSTER = "HOST:PORT of a Ray cluster to which this machine belongs, with the same RAY_AUTH_MODE"
+
+REACHED_S = 5.0
+"""Longest time in which the head of a cluster must be reached."""
+
+STARTS = 6
+"""How often Ray's daemons are started, if they fail. Ray's raylet gives up if the agents that it
+starts are not ready in 15 seconds, which cannot be set; they need 3 seconds of a core."""
+
+WORKER_START_S = 300.0
+"""Longest time until the first worker of an embedded Ray begins; it takes seconds on an idle
+machine, and Ray itself would start workers that die at once again and again, for ever."""
+
+FOLDER = "oaisys_ray_"
+"""How the name of Ray's temporary folder begins."""
+
+LONGEST_SOCKET_BYTES = len("/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store.12")
+"""Of the paths of Ray's sockets in its folder; the number before them is a process's, and a second
+try has another ending."""
+
+_log = logging.getLogger(__name__)
+
+_FAILED = re.compile(r"Check failed: (.*)")
+"""Why a raylet has ended itself, in its log."""
+
+_SETTINGS = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    # Ray's agents wait so long for a head that has died, a minute by default.
+    "RAY_gcs_rpc_server_reconnect_timeout_s": "5",
+    # By default, a world that needs more memory than there is would be tried for ever.
+    "RAY_task_oom_retries": "3",
+    # By default, workers have the priority 15: beside three busy programs on two cores they got a
+    # fortieth of a core.
+    "RAY_worker_niceness": "0",
+}
+
+
+@dataclass(frozen=True)
+class RaySettings:
+    """Where worlds are rendered, and by how many workers.
+
+    Attributes:
+        address: ``HOST:PORT`` of a cluster; None for an embedded Ray.
+        workers: Number of worlds that are rendered at a time; None for as many as fit.
+        memory_gb: Memory that is reserved for each worker.
+        retries: How often a world is rendered again after its worker or node died.
+    """
+
+    address: str | None = None
+    workers: int | None = None
+    memory_gb: float = MEMORY_PER_WORKER_GB
+    retries: int = 3
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that is reserved for each worker."""
+        return int(self.memory_gb * 1e9)
+
+
+@dataclass(frozen=True)
+class RaySession:
+    """A connection to Ray.
+
+    Attributes:
+        ray: The module.
+        workers: Number of worlds that are rendered at a time.
+        folder: Temporary folder of an embedded Ray; None for a cluster.
+    """
+
+    ray: Any
+    workers: int
+    folder: Path | None = None
+
+    def start_error(self, reason: str) -> OaisysError:
+        """Return an error that says where the logs of Ray are."""
+        return OaisysError(reason if self.folder is None else f"{reason}{_kept_logs(self.folder)}")
+
+
+@contextmanager
+def ray_session(settings: RaySettings) -> Iterator[RaySession]:
+    """Connect to Ray, and disconnect at the end; an embedded one ends, and leaves nothing behind.
+
+    Raises:
+        ConfigError: Ray is not installed.
+        InvalidInputError: A worker does not fit, or there is no cluster at the address.
+    """
+    for name, value in _SETTINGS.items():
+        os.environ.setdefault(name, value)
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError(f"{error}; `pip install oaisys_core[dataset]` installs Ray") from error
+    address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
+    connected = _connected if address else _embedded
+    with connected(ray, settings, address or "local") as folder:
+        yield RaySession(ray, settings.workers or _slots(ray, settings), folder)
+
+
+def embedded_workers(settings: RaySettings) -> int:
+    """Return how many workers an embedded Ray has: what was asked for, or one for each core.
+
+    There are fewer where their memory would not suffice.
+
+    Raises:
+        InvalidInputError: Not even one fits.
+    """
+    usable = USED_SHARE * available_bytes()
+    if settings.memory_bytes > usable:
+        expected = f"at most {usable / 1e9:.1f}, which this machine has"
+        raise InvalidInputError("memory_per_worker", settings.memory_gb, expected)
+    if settings.workers is not None:
+        return settings.workers
+    return max(1, min(len(os.sched_getaffinity(0)), int(usable // settings.memory_bytes)))
+
+
+def available_bytes() -> int:
+    """Return the memory that this process and its children may still take."""
+    lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    found = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")]
+    group = Path("/sys/fs/cgroup")
+    try:
+        limit, used = ((group / f"memory.{name}").read_text() for name in ("max", "current"))
+        found.append(int(limit) - int(used))
+    except (OSError, ValueError):
+        pass  # there is no group, or it has no limit
+    return max(0, min(found))
+
+
+@contextmanager
+def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
+    """Run a Ray of this process alone, and yield its folder."""
+    workers = embedded_workers(settings)
+    # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
+    os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
+    with _python_environment(), _guarded_folder() as folder:
+        _start(ray, folder, settings, address, workers)
+        try:
+            yield folder
+        finally:
+            ray.shutdown()
+
+
+def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers: int) -> None:
+    """Start Ray's daemons, again if that fails: their files are in memory then.
+
+    Raises:
+        OaisysError: They could not be started.
+    """
+    for left in reversed(range(STARTS)):
+        try:
+            with _temporary_files_in(folder):
+                ray.init(
+                    address=address,
+                    num_cpus=workers,
+                    include_dashboard=False,
+                    job_config=_job_config(ray),
+                    log_to_driver=False,
+                    logging_level=logging.ERROR,
+                    _memory=workers * settings.memory_bytes,
+                    _temp_dir=str(folder),
+                )
+        except Exception as error:  # Ray raises this very class if its daemons take too long
+            logs = "" if left else _kept_logs(folder)
+            ray.shutdown()
+            session_guard.clear(folder)
+            if not left:
+                raise OaisysError(f"Ray could not be started: {error}{logs}") from error
+            _log.warning("Ray did not start, another try follows: %s", error)
+            folder.mkdir(exist_ok=True)
+        else:
+            return
+
+
+@contextmanager
+def _python_environment() -> Iterator[None]:
+    """Give Ray's programs, which inherit the variables of this process, those for Python."""
+    before = dict(os.environ)
+    after = python_environment(before)
+    changed = {name for name, value in after.items() if before.get(name) != value}
+    os.environ.update(after)
+    try:
+        yield
+    finally:
+        for name in changed:
+            if name in before:
+                os.environ[name] = before[name]
+            else:
+                del os.environ[name]
+
+
+def _job_config(ray: Any) -> Any:
+    """Return how workers run: without this process's folder before their installed packages.
+
+    None, Ray's default, if this Ray lets nobody say so.
+    """
+    base = getattr(getattr(ray, "job_config", None), "JobConfig", None)
+    if base is None:
+        return None
+
+    class SafePathConfig(base):  # type: ignore[misc, valid-type]
+        """Keeps Ray from adding the current folder to the path of its workers."""
+
+        def _runtime_env_has_working_dir(self) -> bool:
+            return True
+
+    return SafePathConfig()
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Have what is started make its temporary files in a folder: killed workers leave them."""
+    before = os.environ.get("TMPDIR")
+    os.environ["TMPDIR"] = str(folder)
+    try:
+        yield
+    finally:
+        os.environ.pop("TMPDIR")
+        if before is not None:
+            os.environ["TMPDIR"] = before
+
+
+def _kept_logs(folder: Path) -> str:
+    """Copy the logs of a Ray that is given up, and return where they are, and the machine's load.
+
+    Its own folder is removed at its end.
+    """
+    load = f"load {os.getloadavg()[0]:.1f} on {len(os.sched_getaffinity(0))} cores"
+    logs = folder / "session_latest" / "logs"
+    if not logs.is_dir():
+        return f" (no logs; {load})"
+    kept = Path(tempfile.mkdtemp(prefix="oaisys_failed_ray_"))
+    shutil.copytree(logs, kept, dirs_exist_ok=True)
+    failed = [
+        found[1] for path in kept.glob("raylet.out") if (found := _FAILED.search(_text(path)))
+    ]
+    return f" ({', '.join(failed) or 'no reason'} in the logs {kept}; {load})"
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace")
+
+
+@contextmanager
+def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
+    """Connect to a cluster."""
+    _check_reachable(address)
+    try:
+        ray.init(
+            address=address,
+            job_config=_job_config(ray),
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+        )
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
+    try:
+        if not _slots(ray, settings):
+            expected = "memory that a node of the cluster has"
+            raise InvalidInputError("memory_per_worker", settings.memory_gb, expected)
+        yield
+    finally:
+        ray.shutdown()
+
+
+def _check_reachable(address: str) -> None:
+    """Raise unless something answers at ``HOST:PORT``: Ray itself would end this process.
+
+    Raises:
+        InvalidInputError: Nothing does.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        return  # another form, such as ``auto``
+    try:
+        socket.create_connection((host, int(port)), REACHED_S).close()
+    except (OSError, OverflowError) as error:
+        raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
+
+
+@contextmanager
+def _guarded_folder() -> Iterator[Path]:
+    """Yield a folder for Ray; at its end, or if this process dies, all that uses it is ended."""
+    parent = socket_parent(len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES)
+    with temporary_folder(FOLDER, parent) as folder, _guarded(folder):
+        yield folder
+
+
+@contextmanager
+def _guarded(folder: Path) -> Iterator[None]:
+    command = [sys.executable, "-I", "-S", session_guard.__file__, str(folder)]
+    guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    # Set after the guard has started, so that it is not marked itself.
+    os.environ[session_guard.MARK] = str(folder)
+    try:
+        yield
+    finally:
+        del os.environ[session_guard.MARK]
+        try:
+            guard.communicate(timeout=2 * session_guard.PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            guard.kill()
+            guard.communicate()
+        if folder.exists():
+            raise OaisysError(f"{folder}: could not be removed, Ray may still be running")
+
+
+def _slots(ray: Any, settings: RaySettings) -> int:
+    """Return how many workers the nodes have room for, with one core each."""
+    return sum(
+        int(min(found.get("CPU", 0), found.get("memory", 0) // settings.memory_bytes))
+        for found in (node["Resources"] for node in ray.nodes() if node["Alive"])
+    )
+
+
+def worker_name() -> str:
+    """Return the name of this process in the records of frames."""
+    return f"{socket.gethostname()}:{os.getpid()}"

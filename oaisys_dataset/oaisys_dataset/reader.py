@@ -1,0 +1,277 @@
+"""The typed reader of data sets: samples by index, by id or streamed, without Blender."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from tarfile import BLOCKSIZE
+from typing import Any, overload
+
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.types import FloatArray, LidarScan, ShortRepr
+from oaisys_dataset.manifest import (
+    DatasetInfo,
+    FrameRecord,
+    ImageRecord,
+    WorldFailure,
+    WorldLegend,
+)
+from oaisys_dataset.manifest_lines import (
+    FrameRecords,
+    ScanRecords,
+    WorldManifest,
+    indexed_manifests,
+)
+from oaisys_dataset.places import StoragePlace, open_place
+from oaisys_dataset.scans import ScanRecord, read_scan
+from oaisys_dataset.shards import (
+    LEGEND,
+    SHARDS,
+    failed_worlds,
+    finished_worlds,
+    manifest_name,
+    padded,
+    read_failure,
+    read_head,
+    read_pixels,
+    scans_name,
+    tar_name,
+)
+
+__all__ = ["Dataset", "DatasetSample", "FrameRecords", "WorldLegend", "open_dataset"]
+
+
+def open_dataset(place: str | Path) -> Dataset:
+    """Return the data set in a folder or at a URL, with the worlds that are finished.
+
+    Raises:
+        InvalidInputError: There is no data set, or it cannot be read.
+    """
+    opened = open_place(place)
+    info = read_head(opened)
+    worlds = finished_worlds(opened)
+    manifests = indexed_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
+    return Dataset(opened, info, manifests)
+
+
+@dataclass(frozen=True, repr=False)
+class DatasetSample(ShortRepr):
+    """A frame with its pixels.
+
+    Attributes:
+        record: Its line in the manifest.
+        arrays: Pixels by modality: ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 metres along
+            z and ``+inf`` where nothing is hit, ``semantic_0`` (H, W) uint16, ``instance`` (H, W)
+            int32, ``normal`` (H, W, 3) float32; others see `modality_spec`.
+    """
+
+    record: FrameRecord
+    arrays: Mapping[str, NDArray[Any]]
+
+    @property
+    def K(self) -> FloatArray:  # noqa: N802 - the field's name for the camera matrix
+        """The 3x3 camera matrix; pixel centres are at integers."""
+        return self.record.camera.K
+
+    @property
+    def T_map_camera(self) -> FloatArray:  # noqa: N802 - the frames are in the name
+        """(4, 4) pose of the optical frame (x right, y down, z forward) in ``map``."""
+        return self.record.pose
+
+
+class Dataset(Sequence[DatasetSample]):
+    """A data set, or one split of it.
+
+    Attributes:
+        place: Where it is.
+        info: What it is.
+        records: The manifest: its frames without pixels.
+    """
+
+    def __init__(
+        self, place: StoragePlace, info: DatasetInfo, manifests: Sequence[WorldManifest]
+    ) -> None:
+        self.place = place
+        self.info = info
+        self.records = FrameRecords(place, manifests)
+        self._manifests = tuple(manifests)
+
+    @cached_property
+    def worlds(self) -> tuple[int, ...]:
+        """The worlds that are finished, in order."""
+        return tuple(manifest.world for manifest in self._manifests)
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """The splits that have a world, in the order of their first worlds."""
+        return tuple(dict.fromkeys(manifest.split for manifest in self._manifests))
+
+    @cached_property
+    def scans(self) -> ScanRecords:
+        """The records of the lidar scans; empty if the rig has no lidar."""
+        worlds: Iterable[int] = ()
+        if self.info.config.get("sensors", {}).get("lidars"):
+            names = set(self.place.names(SHARDS))
+            worlds = (world for world in self.worlds if scans_name(world) in names)
+        found = indexed_manifests(self.place, worlds, scans_name, ScanRecord.from_json)
+        return ScanRecords(self.place, found)
+
+    @cached_property
+    def failures(self) -> tuple[WorldFailure, ...]:
+        """The worlds that could not be made."""
+        return tuple(read_failure(self.place, world) for world in failed_worlds(self.place))
+
+    def split(self, name: str) -> Dataset:
+        """Return one split.
+
+        Raises:
+            NotFoundError: No world is in it.
+        """
+        chosen = [manifest for manifest in self._manifests if manifest.split == name]
+        if not chosen:
+            raise NotFoundError(
+                f"split {name!r}: there are only {', '.join(self.splits) or 'none'}"
+            )
+        return Dataset(self.place, self.info, chosen)
+
+    def legend(self, world: int) -> WorldLegend:
+        """Return what the ids in a world's label images mean.
+
+        Raises:
+            NotFoundError: The world is not in the data set.
+            InvalidInputError: The legend cannot be read.
+        """
+        name = tar_name(world)
+        begin = self._end_of_data(world)
+        head = self.place.read(name, begin, BLOCKSIZE)
+        if head[: len(LEGEND) + 1] != f"{LEGEND}\0".encode():
+            raise InvalidInputError("file", name, f"a tar file whose last member is {LEGEND}")
+        try:
+            size = int(head[124:136].rstrip(b"\0 "), 8)
+        except ValueError as error:
+            raise InvalidInputError("file", name, f"a readable tar file ({error})") from error
+        data = self.place.read(name, begin + BLOCKSIZE, size)
+        return WorldLegend.from_json(data, f"{name}: {LEGEND}")
+
+    def of_world(self, world: int) -> Iterator[FrameRecord]:
+        """Yield the records of a world's frames.
+
+        Raises:
+            NotFoundError: The world is not in the data set.
+        """
+        return self.records.of_world(world)
+
+    def record(self, frame_id: str) -> FrameRecord:
+        """Return the record of a frame by its id, such as ``000012_0003_camera``.
+
+        Raises:
+            NotFoundError: There is no such frame.
+        """
+        world = frame_id.partition("_")[0]
+        if world.isdecimal() and int(world) in self.worlds:
+            for record in self.of_world(int(world)):
+                if record.frame_id == frame_id:
+                    return record
+        raise NotFoundError(f"frame {frame_id!r}: not in {self.place.url}")
+
+    def scan(self, record: ScanRecord) -> LidarScan:
+        """Return a lidar scan with its points.
+
+        Raises:
+            InvalidInputError: The points cannot be decoded.
+        """
+        points = record.points
+        file = self.place.read(tar_name(record.world), points.offset, points.size)
+        scan = read_scan(record, file)
+        found = (len(scan.data), scan.data.dtype.names)
+        if found != (points.count, points.fields):
+            expected = f"{points.count} with {', '.join(points.fields)}, as recorded"
+            raise InvalidInputError(f"{points.file}: points", found, expected)
+        return scan
+
+    def scans_beside(self, record: FrameRecord) -> dict[str, LidarScan]:
+        """Return the lidar scans of a frame's view by the lidar's name."""
+        if not self.scans.has_world(record.world):
+            return {}
+        found = (scan for scan in self.scans.of_world(record.world) if scan.view == record.view)
+        return {scan.sensor: self.scan(scan) for scan in found}
+
+    def scan_record(self, scan_id: str) -> ScanRecord | None:
+        """Return the record of a lidar scan by its id; None if there is no such scan."""
+        world = scan_id.partition("_")[0]
+        if not world.isdecimal() or not self.scans.has_world(int(world)):
+            return None
+        scans = self.scans.of_world(int(world))
+        return next((scan for scan in scans if scan.scan_id == scan_id), None)
+
+    def files(self, record: FrameRecord) -> dict[str, bytes]:
+        """Return the image files of a frame by modality, as the shard has them."""
+        images = record.images
+        begin = min(image.offset for image in images.values())
+        end = max(image.offset + image.size for image in images.values())
+        tar = tar_name(record.world)
+        data = memoryview(self.place.read(tar, begin, end - begin))
+        if len(data) < end - begin:
+            expected = f"files within {tar}, which ends at {begin + len(data)}"
+            raise InvalidInputError(f"{record.frame_id}: images", f"an end at {end}", expected)
+        return {modality: _cut(data, image, begin) for modality, image in images.items()}
+
+    def sample(self, record: FrameRecord, modalities: Sequence[str] = ()) -> DatasetSample:
+        """Return a frame with its pixels, in all modalities or in some.
+
+        Raises:
+            InvalidInputError: An image cannot be decoded.
+        """
+        names = list(modalities or record.images)
+        arrays = {
+            modality: _pixels(file, modality, record.images[modality])
+            for modality, file in self.files(record).items()
+            if modality in names
+        }
+        return DatasetSample(record, {name: arrays[name] for name in names})
+
+    def stream(self, modalities: Sequence[str] = ()) -> Iterator[DatasetSample]:
+        """Yield all frames in order, world by world."""
+        for record in self.records:
+            yield self.sample(record, modalities)
+
+    def __iter__(self) -> Iterator[DatasetSample]:
+        return self.stream()
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def _end_of_data(self, world: int) -> int:
+        """Return where the last member of a tar file begins, its legend."""
+        images = self.records.last_of_world(world).images.values()
+        ends = [image.offset + image.size for image in images]
+        if self.scans.has_world(world):
+            points = self.scans.last_of_world(world).points
+            ends.append(points.offset + points.size)
+        return padded(max(ends))
+
+    @overload
+    def __getitem__(self, index: int) -> DatasetSample: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[DatasetSample]: ...
+    def __getitem__(self, index: int | slice) -> DatasetSample | list[DatasetSample]:
+        if isinstance(index, slice):
+            return [self.sample(record) for record in self.records[index]]
+        return self.sample(self.records[index])
+
+
+def _pixels(file: bytes, modality: str, image: ImageRecord) -> NDArray[Any]:
+    pixels = read_pixels(file, modality, image.file)
+    if (pixels.dtype.name, pixels.shape) != (image.dtype, image.shape):
+        expected = f"{image.dtype} {image.shape}, as recorded"
+        raise InvalidInputError(image.file, f"{pixels.dtype.name} {pixels.shape}", expected)
+    return pixels
+
+
+def _cut(data: memoryview, image: ImageRecord, begin: int) -> bytes:
+    first = image.offset - begin
+    return bytes(data[first : first + image.size])

@@ -1,0 +1,75 @@
+"""Renders a frame or lidar scan again from its line in the manifest, and compares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from oaisys_core.config import config_from_mapping, config_sha256
+from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import (
+    Frame,
+    RecordedSample,
+    modality_spec,
+)
+from oaisys_core.verification.recorded_samples import Comparison, compared, compared_scan
+from oaisys_dataset.manifest import FrameRecord
+from oaisys_dataset.reader import Dataset, DatasetSample
+from oaisys_dataset.scans import ScanRecord
+
+
+def repeated(
+    dataset: Dataset, ids: Sequence[str], least_psnr_db: float
+) -> Iterator[tuple[str, list[Comparison]]]:
+    """Render frames and lidar scans again; yield each one's id and the comparisons of its data.
+
+    Raises:
+        InvalidInputError: There is no such frame or scan, or the configuration in the data set is
+            not that of the frame.
+    """
+    records = [_record(dataset, each) for each in ids]
+    config = config_from_mapping(dataset.info.config)
+    found = config_sha256(config)
+    for record in records:
+        if record.config_sha256 != found:
+            expected = f"{found}, that of the configuration in the data set"
+            raise InvalidInputError("config_sha256", record.config_sha256, expected)
+    simulation = Simulation(config)
+    try:
+        for each, record in zip(ids, records, strict=True):
+            again = simulation.repeat(record.outline())
+            if isinstance(record, ScanRecord):
+                yield each, [compared_scan(dataset.scan(record), again.scan(record.sensor))]
+            else:
+                recorded = recorded_sample(dataset.sample(record))
+                yield each, compared(recorded, again, least_psnr_db)
+    finally:
+        simulation.close()
+
+
+def _record(dataset: Dataset, each: str) -> FrameRecord | ScanRecord:
+    try:
+        return dataset.scan_record(each) or dataset.record(each)
+    except NotFoundError as error:
+        example = f", such as {dataset.records[0].frame_id}" if len(dataset) else ""
+        expected = f"the id of a frame or lidar scan of {dataset.place.url}{example}"
+        raise InvalidInputError("frame", each, expected) from error
+
+
+def recorded_sample(sample: DatasetSample) -> RecordedSample:
+    """Return a frame of a data set as a recorded sample of one sensor."""
+    record = sample.record
+    frames = tuple(
+        Frame(
+            record.sensor,
+            modality,
+            # Ids have another sign in data sets than in the simulator, and the same bytes.
+            np.ascontiguousarray(pixels).view(modality_spec(modality).dtype),
+            record.camera,
+            record.pose,
+        )
+        for modality, pixels in sample.arrays.items()
+    )
+    return RecordedSample(record.outline(), frames)

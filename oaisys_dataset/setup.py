@@ -1,0 +1,10 @@
+"""Registers the package in the ament index; everything else is in setup.cfg."""
+
+from setuptools import setup
+
+setup(
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/oaisys_dataset"]),
+        ("share/oaisys_dataset", ["package.xml"]),
+    ],
+)

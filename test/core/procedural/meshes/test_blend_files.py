@@ -1,0 +1,125 @@
+"""Files of Blender from outside: read to their end, and nothing else is read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from blender_process import in_blender
+
+from oaisys_core.errors import CancelledError, InvalidInputError
+from oaisys_core.files.path_fields import AssetRoots, confined
+from oaisys_core.procedural.meshes import files
+from oaisys_core.procedural.meshes.files import load_mesh
+from oaisys_core.system.interruption import interruptible
+
+ACCESS = """
+import sys
+from pathlib import Path
+from oaisys_core.files.access_limits import limit_access
+import socket
+top = Path(sys.argv[1])
+if not limit_access([top / "root"], top / "out"):
+    raise SystemExit("none")
+print((top / "root/inside").read_text())
+(top / "out/new").write_text("x")
+for attempt in (
+    lambda: (top / "secret").read_text(),
+    lambda: (top / "root/link").read_text(),
+    lambda: Path("/etc/passwd").read_text(),
+    lambda: (top / "root/new").write_text("x"),
+    lambda: list(top.iterdir()),
+):
+    try:
+        print("done", attempt())
+    except PermissionError:
+        print("refused")
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    top = tmp_path_factory.mktemp("blend")
+    for name in ("root", "outside"):
+        (top / name).mkdir()
+    in_blender("files.save_linked_blends", str(top))
+    return top
+
+
+@pytest.mark.blender
+def test_a_file_with_a_driver_is_read(folder: Path) -> None:
+    """Its reader hung at its end, in Blender's own destructors."""
+    assert len(load_mesh(folder / "root" / "driver.blend").triangles) == 12
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("image_outside", "secret.png"),
+        ("library", "library.blend"),
+        ("cache", "cache.pc2"),
+        ("reading_node", "Import Text"),
+        ("bake", "bake"),
+    ],
+)
+def test_a_file_that_refers_to_others_elsewhere_is_refused_by_name(
+    folder: Path, kind: str, name: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=f"own folder or in the asset roots.*{name}"):
+        load_mesh(folder / "root" / f"{kind}.blend")
+
+
+@pytest.mark.blender
+def test_files_beside_it_and_in_the_asset_roots_are_read(folder: Path) -> None:
+    assert load_mesh(folder / "root" / "image_inside.blend").color_image_srgb is not None
+    with confined(AssetRoots((folder / "root", folder / "outside"))):
+        mesh = load_mesh(folder / "root" / "image_outside.blend")
+    assert mesh.color_image_srgb is not None
+
+
+@pytest.mark.blender
+def test_a_file_that_takes_too_long_is_given_up_and_then_refused_at_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "BLEND_REQUEST_TIMEOUT_S", 0.1)
+    file = folder / "root" / "slow.blend"
+    file.write_bytes((folder / "root" / "driver.blend").read_bytes())
+    with confined(AssetRoots((folder / "root",))):
+        with pytest.raises(InvalidInputError, match=r"loads within 0\.1 s"):
+            load_mesh(file)
+        assert not psutil.Process().children()
+        monkeypatch.setattr(files, "BLEND_REQUEST_TIMEOUT_S", 60.0)
+        with pytest.raises(InvalidInputError, match="loads within 60 s"):
+            load_mesh(file)
+
+
+@pytest.mark.blender
+def test_a_wait_for_a_reader_can_be_cancelled(folder: Path) -> None:
+    asked = 0
+
+    def check() -> None:
+        nonlocal asked
+        asked += 1
+        if asked > 2:
+            raise CancelledError("by its owner")
+
+    with interruptible(check), pytest.raises(CancelledError):
+        load_mesh(folder / "root" / "driver.blend")
+    assert not psutil.Process().children()
+
+
+def test_a_reader_can_open_nothing_elsewhere(tmp_path: Path) -> None:
+    for name in ("root", "out"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "root/inside").write_text("inside")
+    (tmp_path / "secret").write_text("secret")
+    (tmp_path / "root/link").symlink_to(tmp_path / "secret")
+    command = [sys.executable, "-c", ACCESS, str(tmp_path)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    if "none" in ended.stderr:
+        pytest.skip("this kernel has no Landlock")
+    assert ended.stdout.split() == ["inside", *["refused"] * 5], ended.stderr

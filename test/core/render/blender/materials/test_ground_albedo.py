@@ -1,0 +1,132 @@
+"""The ground's albedo without noise is what many samples of Cycles see."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from blender_process import in_blender
+from numpy.typing import NDArray
+from synthetic_worlds import SUNNY, camera, flat_world
+
+from oaisys_core.geometry import pose_looking_at
+from oaisys_core.procedural.terrain.macro_variation import MacroPattern
+from oaisys_core.procedural.terrain.surroundings.kinds import EARTH_RADIUS_M
+from oaisys_core.procedural.terrain.surroundings.land import land_around
+from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks
+from oaisys_core.scene import HeightField, PbrMaps, Scene, TerrainLayer, TerrainMaterial
+from oaisys_core.scene.sky import Haze
+from oaisys_core.scene.terrain_material import Variation
+from oaisys_core.scene.tiling import stochastic_tiling, voronoi_tiling
+from oaisys_core.types import RGB, PinholeIntrinsics
+
+pytestmark = pytest.mark.blender
+
+LENS = PinholeIntrinsics(96, 72, 90.0, 90.0, 47.5, 35.5)
+SEEN = "Denoising Albedo"
+HAZY = Haze((0.02, 0.04, 0.08))
+
+
+def grainy(seed: int, tile_m: float) -> PbrMaps:
+    """A texture of random texels."""
+    rng = np.random.default_rng(seed)
+    return PbrMaps(
+        f"grainy_{seed}",
+        rng.integers(30, 220, (256, 256, 3)).astype(np.uint8),
+        np.broadcast_to(np.abs(np.linspace(-1, 1, 256, dtype=np.float32)), (256, 256)),
+        np.full((256, 256, 3), (128, 128, 255), np.uint8),
+        np.full((256, 256), 255, np.uint8),
+        tile_m,
+    )
+
+
+def world(*layers: TerrainLayer, slope: float = 0.0, **more: Any) -> Scene:
+    """Layers side by side in broad, soft stripes, on ground that rises to the north."""
+    axis_m = np.linspace(-20, 20, 41)
+    height_m = np.broadcast_to(slope * axis_m[:, None], (41, 41)) + 0.1 * np.sin(axis_m)
+    ground = HeightField(height_m.astype(np.float32), (-20.0, -20.0), 1.0)
+    phase = np.linspace(0, 20, 64) + 2 * np.arange(len(layers))[:, None]
+    share = np.clip(np.sin(phase) + 0.5, 0, 1) + 1e-3
+    masks = np.repeat((share / share.sum(axis=0))[:, None], 64, axis=1).astype(np.float32)
+    material = TerrainMaterial(layers, masks, ground.extent_m, **more)
+    return replace(flat_world(), ground=ground, material=material, primitives=(), sky=SUNNY)
+
+
+def beyond(scene: Scene) -> Scene:
+    """A world with land around its stage, where the layers lie in patches of many sizes."""
+    material = scene.material
+    shares = tuple(material.masks.mean(axis=(1, 2)).tolist())
+    land = PatchyLandMasks(material.extent_m, shares, 6.0, 0.1, seed=6)
+    return replace(
+        scene,
+        material=replace(material, land=land),
+        far_ground=land_around(scene.ground, 5, EARTH_RADIUS_M),
+    )
+
+
+def cases() -> dict[str, Scene]:
+    rng = np.random.default_rng(5)
+    layers = tuple(
+        TerrainLayer(str(seed), (seed,), grainy(seed, tile_m))
+        for seed, tile_m in ((1, 2.0), (2, 3.0), (3, 1.3))
+    )
+    voronoi = replace(layers[0], tiling=voronoi_tiling(1.5, np.pi, rng))
+    shiny = replace(layers[1].maps, roughness=np.full((256, 256), 10, np.uint8))
+    colored = Variation(brightness=0.5, tint=0.2)
+    stochastic = replace(layers[1], tiling=stochastic_tiling(2.0, rng))
+    return {
+        "layers": world(*layers, variation=colored),
+        "haze": replace(world(*layers[:1]), sky=replace(SUNNY, haze=HAZY)),
+        "gentle": world(layers[0], slope=0.3, projects_sides=True),
+        "steep": world(layers[0], slope=2.0, projects_sides=True),
+        "voronoi": world(voronoi),
+        "stochastic": world(layers[0], stochastic),
+        "land": beyond(world(*layers[:2], variation=colored, macro=MacroPattern(1.0, 3))),
+        "shiny": world(layers[0], replace(layers[1], maps=shiny)),
+    }
+
+
+@pytest.fixture(scope="module")
+def albedos() -> dict[str, Any]:
+    made = cases()
+    placed = camera(pose_looking_at((1, -9, 2.0), (0, 0, 0)), LENS, (RGB,))
+    steep = camera(pose_looking_at((1, -9, -10), (0, 0, 0)), LENS, (RGB,))
+    outward = camera(pose_looking_at((2, 17, 3.0), (0, 27, 0)), LENS, (RGB,))
+    special = {"steep": steep, "land": outward}
+    views = [(scene, special.get(name, placed)) for name, scene in made.items()]
+    return dict(zip(made, in_blender("materials.albedos", views, 2, 64), strict=True))
+
+
+def rms(difference: NDArray[Any]) -> float:
+    return float(np.sqrt(np.mean(np.square(difference))))
+
+
+@pytest.mark.parametrize(
+    ("name", "noise"), [("layers", 0.6), ("haze", 0.6), ("gentle", 0.6), ("land", 0.85)]
+)
+def test_the_mean_of_many_samples_is_known_with_less_noise(
+    albedos: dict[str, Any], name: str, noise: float
+) -> None:
+    found = albedos[name]
+    known = found["known"]
+    assert known.mean() > 0.5
+    few, many, clean = (found[key][known] for key in ("few", "many", "clean"))
+    np.testing.assert_allclose(clean.mean(axis=0), many.mean(axis=0), rtol=0.01)
+    assert rms(clean - many) < noise * rms(few - many)
+
+
+@pytest.mark.parametrize("name", ["stochastic", "shiny"])
+def test_nothing_is_known_where_one_of_the_layers_is_another_kind(
+    albedos: dict[str, Any], name: str
+) -> None:
+    found = albedos[name]
+    known = found["known"]
+    assert 0.05 < known.mean() < 0.8
+    assert rms((found["clean"] - found["many"])[known]) < 0.6 * rms(
+        (found["few"] - found["many"])[known]
+    )
+
+
+@pytest.mark.parametrize("name", ["voronoi", "steep"])
+def test_turned_textures_and_steep_slopes_are_unknown(albedos: dict[str, Any], name: str) -> None:
+    assert not albedos[name]["known"].any()

@@ -1,0 +1,112 @@
+"""Grounds of many layers in Blender: Cycles draws what is too large for its stack black."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from blender_process import in_blender
+from synthetic_worlds import SUNNY
+
+from oaisys_core.procedural.terrain.macro_variation import MacroPattern
+from oaisys_core.scene.sky import Haze
+from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+from oaisys_core.scene.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
+
+STACK = 255
+"""Numbers that Cycles' stack holds."""
+
+pytestmark = pytest.mark.blender
+
+TEXTURES = ("ice", "snow", "sastrugi", "mud", "salt_crust", "gravel")
+"""With layers below the surface and gloss, which need most."""
+
+N, V, S = "none", "voronoi", "stochastic"
+GROUNDS = (
+    *([N] * 2, [N] * 6, [V] * 2, [V] * 3, [V, N, N], [N, N, N, V]),
+    *([S] * 2, [N, N, N, S], [S, V]),
+)
+
+
+def world(tilings: list[str]) -> dict[str, Any]:
+    """A canyon, whose walls are textured from the side, with all that changes its colour."""
+    layers = [
+        {"texture": texture, "label": texture, "semantic_id": index + 1, "anti_tiling": tiling}
+        for index, (texture, tiling) in enumerate(zip(TEXTURES, tilings, strict=False))
+    ]
+    rover = {
+        "name": "rover",
+        "label": "rover",
+        "semantic_id": 51,
+        "shape": "rover",
+        "trajectory": {"waypoints_m": [[-8, -8], [8, -8], [0, 8]], "closed": True},
+    }
+    water = {"level_share": 0.1, "semantic_id": 40}
+    return {
+        "seed": 3,
+        "stage": {"preset": "canyon", "extent_m": 40, "resolution_px": 129, "water": water},
+        "materials": {"layers": layers},
+        "environment": {"haze": {}},
+        "assets": {"movers": [rover]},
+        "sensors": {
+            "cameras": [
+                {"name": "camera", "width_px": 48, "height_px": 36, "fx_px": 40, "fy_px": 40}
+            ],
+            "pose_policy": "clamp",
+        },
+    }
+
+
+@pytest.mark.long
+def test_no_ground_is_black(tmp_path: Path) -> None:
+    paths = []
+    for tilings in GROUNDS:
+        paths.append(tmp_path / f"{'-'.join(tilings)}.yaml")
+        paths[-1].write_text(yaml.safe_dump(world(tilings)), encoding="utf-8")
+
+    found = in_blender("examples.rendered", [str(path) for path in paths], 1)
+
+    for name, images in found.items():
+        (rgb,) = (data for _, modality, data in images["samples"][0] if modality == "rgb")
+        assert rgb.max(axis=-1).min() > 2, name
+    assert len(found) == len(GROUNDS)
+
+
+def material(layers: int, tiling: Tiling) -> TerrainMaterial:
+    """Layers of different tiles with all that ground can have, projected from the side."""
+    rng = np.random.default_rng(layers)
+    masks = rng.dirichlet(np.ones(layers), (8, 8)).astype(np.float32)
+
+    def maps(index: int) -> PbrMaps:
+        color, normal = rng.integers(0, 256, (2, 16, 16, 3), np.uint8)
+        height, roughness = rng.random((16, 16), np.float32), np.full((16, 16), 60, np.uint8)
+        return PbrMaps(f"{index}", color, height, normal, roughness, 1 + index / 3, subsurface=0.3)
+
+    return TerrainMaterial(
+        tuple(TerrainLayer(f"{i}", (i + 1,), maps(i), tiling) for i in range(layers)),
+        np.moveaxis(masks, -1, 0),
+        (-5.0, -5.0, 5.0, 5.0),
+        projects_sides=True,
+        macro=MacroPattern(0.5, 1),
+        variation=Variation(0.3, 0.1),
+        wet_bank_m=(-9.0, -8.5),
+    )
+
+
+def test_cycles_stack_has_room_for_any_number_of_layers() -> None:
+    # Twice as many layers double one switch more, which takes a few numbers.
+    rng = np.random.default_rng(0)
+    turned, shifted = voronoi_tiling(1.0, 0.3, rng), stochastic_tiling(1.0, rng)
+    few = [material(2, each) for each in (PlainTiling(), turned, shifted)]
+    many = [material(4, turned), material(4, shifted), material(16, PlainTiling())]
+    hazy = replace(SUNNY, haze=Haze((0.01, 0.02, 0.03)))
+
+    used = in_blender("stack.stack_use", [*few, *many], hazy)
+
+    assert max(used) < STACK // 2, used
+    for of_few, of_many in zip((1, 2, 0), (3, 4, 5), strict=True):
+        assert used[of_many] <= used[of_few] + 24, used

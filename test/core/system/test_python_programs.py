@@ -1,0 +1,76 @@
+"""Programs import nothing from the folder in which they are started."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from repository import REPOSITORY
+
+from oaisys_core.system.python_programs import python_command, python_environment
+
+PLANTED = (
+    *("numpy", "random", "yaml", "json", "pydantic", "typing_extensions", "logging", "typer"),
+    *("oaisys_msgs", "rclpy", "trimesh", "PIL", "cv2", "bpy", "statistics", "colorsys", "ray"),
+)
+TRAP = "import pathlib\npathlib.Path(__file__).with_suffix('.run').touch()\nraise SystemExit(77)\n"
+STARTS = re.compile(r'sys\.executable, "-m"|python, "-m"')
+
+
+@pytest.fixture
+def trap(tmp_path: Path) -> Path:
+    for name in PLANTED:
+        (tmp_path / f"{name}.py").write_text(TRAP)
+    return tmp_path
+
+
+def run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    ended = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert not list(folder.glob("*.run")), f"{command} imported from the current folder"
+    return ended
+
+
+BY_HAND = [sys.executable, "-m"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        [str(Path(sys.executable).with_name("oaisys")), "config", "check", "world.yaml"],
+        [*BY_HAND, "oaisys_core", "config", "check", "world.yaml"],
+        [*BY_HAND, "oaisys_grpc", "config", "check", "world.yaml"],
+        python_command("oaisys_core", "config", "check", "world.yaml"),
+    ],
+    ids=["oaisys", "-m oaisys_core", "-m oaisys_grpc", "-P -m"],
+)
+def test_commands_import_nothing_from_the_current_folder(trap: Path, command: list[str]) -> None:
+    (trap / "world.yaml").write_text("stage: {preset: plane, resolution_px: 9}\n")
+    assert run(command, trap).returncode == 0
+
+
+def test_a_module_of_the_bridge_started_by_hand_imports_nothing_from_there(trap: Path) -> None:
+    ended = run([*BY_HAND, "oaisys_ros_bridge.namespaces"], trap)
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_an_empty_entry_of_pythonpath_is_dropped() -> None:
+    found = python_environment({"PYTHONPATH": ":/packages:.:"})
+    assert found == {"PYTHONPATH": "/packages", "PYTHONSAFEPATH": "1"}
+
+
+def test_no_program_is_started_another_way() -> None:
+    """But for those of the folder ``tools``, which run in the repository itself."""
+    found = [
+        f"{file.relative_to(REPOSITORY)}: {line.strip()}"
+        for package in ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
+        for file in (REPOSITORY / package).rglob("*.py")
+        for line in file.read_text(encoding="utf-8").splitlines()
+        if STARTS.search(line)
+    ]
+    assert not found

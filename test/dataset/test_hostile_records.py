@@ -1,0 +1,328 @@
+"""A data set that somebody else wrote: each field of each record is refused where it is read."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import oaisys
+from small_datasets import SCANNED, render_dataset
+from synthetic_datasets import write_dataset
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.names import is_name, path_inside
+from oaisys_core.output.reader import read_samples
+from oaisys_dataset import open_dataset
+from oaisys_dataset.formats.base import format_names
+from oaisys_dataset.formats.export import export_dataset
+
+MANIFEST = "shards/world_000000.jsonl"
+HEAD = "dataset.json"
+
+NO_NAMES = (
+    *("/tmp/outside", "../../outside", "a/../../b", "a\\..\\b", "C:outside", "C:\\outside"),
+    *(
+        "..",
+        ".",
+        "",
+        " ",
+        ".hidden",
+        "end.",
+        "a\0b",
+        "a\nb",
+        "x" * 300,
+        "\u202egnp",
+        "~root",
+        "-rf",
+    ),
+)
+NO_NUMBERS: tuple[Any, ...] = (-1, 10**12, 10**300, True, "7", 1.5, None, [], {})
+NO_LENGTHS: tuple[Any, ...] = (float("nan"), float("inf"), -float("inf"), 1e300, "1", None, [])
+
+Change = Callable[[dict[str, Any]], Any]
+
+
+def put(*path: str | int) -> Callable[[dict[str, Any], Any], None]:
+    """Return a function that sets the value at a path in a record."""
+
+    def change(record: Any, value: Any) -> None:
+        for key in path[:-1]:
+            record = record[key]
+        record[path[-1]] = value
+
+    return change
+
+
+FIELDS: dict[tuple[str | int, ...], tuple[Any, ...]] = {
+    ("frame_id",): NO_NAMES,
+    ("sensor",): NO_NAMES,
+    ("split",): (*NO_NAMES, "a.b", "train-1", 7),
+    ("images", "rgb", "file"): NO_NAMES,
+    ("world",): NO_NUMBERS,
+    ("view",): NO_NUMBERS,
+    ("world_seed",): (-1, 2**64, True, "7", None),
+    ("stamp_s",): (*NO_LENGTHS, -1),
+    ("seconds",): (*NO_LENGTHS, -1),
+    ("T_map_camera",): (
+        [],
+        [[0]],
+        [[0] * 4] * 4,
+        [[float("nan")] * 4] * 4,
+        "",
+        {},
+        [[1e300] * 4] * 4,
+    ),
+    ("intrinsics",): ({}, [], None),
+    ("intrinsics", "fx_px"): (*NO_LENGTHS, 0, -1),
+    ("intrinsics", "width_px"): (0, *NO_NUMBERS),
+    ("intrinsics", "distortion"): ([1, 2], ["a"] * 5, 0, [float("nan")] * 5),
+    ("intrinsics", "distortion_model"): ("../x", 5),
+    ("intrinsics", "K"): ([], [[1, 2, 3]], None),
+    ("images",): ({}, [], None, {"../rgb": 1}),
+    ("images", "rgb"): ({}, [], None),
+    ("images", "rgb", "offset"): (-1, 10**18, "0", None),
+    ("images", "rgb", "size"): (-1, 10**18, "0", None),
+    ("images", "rgb", "shape"): ([], [1], [12, 10**9, 3], [1, 2, 3, 4], "ab", [13, 16, 3]),
+    ("images", "rgb", "sha256"): ("", "g" * 64, None),
+    ("label_pixels",): ({"a": 1}, {"-1": 1}, {"1": -1}, {"70000": 1}, [], {"1": 10**30}),
+    ("provenance",): ({}, [], None),
+    ("provenance", "batch_seed"): (-1, "x", 10**80),
+    ("rig_pose",): ({}, [], None),
+    ("rig_pose", "position_m"): ([1, 2], [float("nan")] * 3, None),
+    ("software",): ([], {"a": 1}, {"a": "b\0"}),
+    ("worker",): (1, None, "a\nb"),
+    ("sun_elevation_deg",): (1e9, "x", float("nan")),
+}
+"""Values that no record may have, by the path of a field."""
+
+CASES = [(path, value) for path, values in FIELDS.items() for value in values]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("written") / "set"
+    write_dataset(folder, {0: "train"}, views=2)
+    return folder
+
+
+@pytest.fixture
+def foreign(written: Path, tmp_path: Path) -> Path:
+    """A data set that a test may change."""
+    folder = tmp_path / "in/set"
+    shutil.copytree(written, folder)
+    return folder
+
+
+def change_line(dataset: Path, path: tuple[str | int, ...], value: Any, line: int = 0) -> None:
+    file = dataset / MANIFEST
+    lines = file.read_text().splitlines()
+    record = json.loads(lines[line])
+    put(*path)(record, value)
+    lines[line] = json.dumps(record)
+    file.write_text("".join(f"{each}\n" for each in lines))
+
+
+def refusal(dataset: Path) -> str:
+    """Return why the records of a data set are refused; nothing if they are not."""
+    try:
+        list(open_dataset(dataset).records)
+    except InvalidInputError as error:
+        return str(error)
+    return ""
+
+
+def files_below(folder: Path) -> set[Path]:
+    return set(folder.rglob("*"))
+
+
+def test_every_field_of_a_line_is_refused_with_file_line_field_and_value(foreign: Path) -> None:
+    sound = (foreign / MANIFEST).read_text()
+    accepted = []
+    for path, value in CASES:
+        (foreign / MANIFEST).write_text(sound)
+        change_line(foreign, path, value, line=1)
+        told = refusal(foreign)
+        if not re.match(rf"{MANIFEST}:2: .*{path[0]}", told) or len(told) > 1000:
+            accepted.append((path, value, told))
+    assert not accepted
+
+
+@pytest.mark.parametrize("name", format_names())
+def test_no_export_writes_outside_of_its_folder(name: str, foreign: Path, tmp_path: Path) -> None:
+    sound = (foreign / MANIFEST).read_text()
+    before = files_below(tmp_path)
+    for field in (("frame_id",), ("sensor",), ("split",), ("images", "rgb", "file")):
+        for value in NO_NAMES:
+            (foreign / MANIFEST).write_text(sound)
+            for line in range(2):
+                change_line(foreign, field, value, line)
+            with pytest.raises(InvalidInputError):
+                export_dataset(open_dataset(foreign), name, tmp_path / "out")
+    assert files_below(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", sorted({*format_names()} - {"hdf5", "webdataset"}))
+def test_two_frames_with_one_name_are_refused(name: str, foreign: Path, tmp_path: Path) -> None:
+    line = (foreign / MANIFEST).read_text().splitlines(keepends=True)[0]
+    (foreign / MANIFEST).write_text(line * 2)
+    before = files_below(tmp_path)
+    with pytest.raises(InvalidInputError):
+        export_dataset(open_dataset(foreign), name, tmp_path / "out")
+    assert files_below(tmp_path) == before
+
+
+def test_a_link_among_the_exports_is_not_followed(foreign: Path, tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.mkdir()
+    (foreign / "exports").symlink_to(victim)
+    done = oaisys("dataset", "export", foreign, "--format", "coco")
+    assert done.returncode == 2, done.stderr
+    assert "it is a link" in done.stderr
+    assert not list(victim.iterdir())
+
+
+HEADS: dict[str, tuple[Any, ...]] = {
+    "worlds": NO_NUMBERS,
+    "views": NO_NUMBERS,
+    "seed": (-1, 10**80, "1"),
+    "splits": ({}, {"../x": 0.5}, {"train": 2}, {"train": "1"}, []),
+    "config": ([], None, {"sensors": []}),
+    "version": (2, "1", None),
+    "software": ({"a": 1}, []),
+}
+
+
+def test_every_field_of_the_head_is_refused(foreign: Path) -> None:
+    sound = json.loads((foreign / HEAD).read_text())
+    for field, values in HEADS.items():
+        for value in values:
+            (foreign / HEAD).write_text(json.dumps({**sound, field: value}))
+            with pytest.raises(InvalidInputError, match=rf"{HEAD}: .*{field}"):
+                open_dataset(foreign)
+
+
+TEXTS = {
+    "digits": '{"seed": ' + "7" * 100_000 + "}",
+    "nested": "[" * 10_000,
+    "closed": "[" * 10_000 + "]" * 10_000,
+    "objects": '{"a":' * 10_000 + "1" + "}" * 10_000,
+    "no JSON": "{",
+    "bytes": "\udcff\udcfe",
+    "number": "7",
+    "empty": "{}",
+}
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+@pytest.mark.parametrize("file", [HEAD, MANIFEST])
+def test_texts_that_no_parser_takes_are_refused(kind: str, file: str, foreign: Path) -> None:
+    text = TEXTS[kind].encode("utf-8", "surrogateescape")
+    (foreign / file).write_bytes(text + b"\n")
+    with pytest.raises(InvalidInputError, match=file) as raised:
+        open_dataset(foreign)
+    assert len(str(raised.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("check",),
+        ("export", "--format", "coco"),
+        ("repeat", "000000_0001_camera"),
+        ("describe",),
+    ],
+    ids=lambda command: command[0],
+)
+def test_each_command_says_what_is_wrong_without_a_traceback(
+    command: tuple[str, ...], foreign: Path
+) -> None:
+    change_line(foreign, ("images", "rgb", "size"), 10**12, line=1)
+    change_line(foreign, ("split",), "../../split", line=1)
+    name, *others = command
+    done = oaisys("dataset", name, foreign, *others)
+    assert "Traceback" not in done.stderr
+    told = done.stderr + done.stdout
+    assert f"{MANIFEST}:2: split: received '../../split'" in told
+    assert done.returncode == (1 if name == "check" else 2)
+
+
+def test_a_size_beyond_the_file_takes_no_memory(foreign: Path) -> None:
+    change_line(foreign, ("images", "rgb", "size"), 10**12)
+    dataset = open_dataset(foreign)
+    with pytest.raises(InvalidInputError):
+        dataset[0]
+
+
+def test_lines_of_scans_are_checked_likewise(tmp_path: Path) -> None:
+    render_dataset(tmp_path, {0: "train"}, 1, SCANNED)
+    file = tmp_path / "shards/world_000000.scans.jsonl"
+    sound = json.loads(file.read_text().splitlines()[0])
+    for path, value in (
+        (("scan_id",), "/tmp/x"),
+        (("sensor",), "../x"),
+        (("points", "file"), "../x"),
+        (("points", "count"), -1),
+        (("points", "fields"), ["x", "../y", "z"]),
+        (("T_map_lidar",), [[float("inf")] * 4] * 4),
+    ):
+        record = json.loads(json.dumps(sound))
+        put(*path)(record, value)
+        file.write_text(json.dumps(record) + "\n")
+        with pytest.raises(InvalidInputError, match=r"scans\.jsonl:1: "):
+            list(open_dataset(tmp_path).scans)
+
+
+@pytest.mark.parametrize("text", NO_NAMES)
+def test_what_is_no_name_makes_no_path(text: str) -> None:
+    assert not is_name(text)
+    with pytest.raises(InvalidInputError, match="a name of at most 200 bytes"):
+        path_inside(Path("out"), "a", text, "b")
+
+
+def test_names_of_files_stay_as_they_are() -> None:
+    for name in ("000012_0003_camera.semantic_0.png", "train-000000.tar", "caméra", "1.5+2"):
+        assert path_inside(Path("out"), name) == Path("out", name)
+
+
+def test_samples_of_somebody_else_are_refused_likewise(tmp_path: Path) -> None:
+    config = tmp_path / "world.yaml"
+    camera = "{width_px: 8, height_px: 6, modalities: [depth]}"
+    config.write_text(
+        "backend: analytic\nstage: {extent_m: 10, resolution_px: 33}\n"
+        f"sensors: {{cameras: [{camera}]}}\n"
+    )
+    out = tmp_path / "out"
+    assert oaisys("render", "--config", config, "--out", out).returncode == 0
+    file = out / "batch_0001/meta_data/sample_data/0001.json"
+    sound = file.read_text()
+    for path, value in (
+        (("sensors", "camera", "images", "depth"), "../../../outside.exr"),
+        (("sensors", "camera", "images", "depth"), "/etc/passwd"),
+        (("sensors", "camera", "T_map_camera"), [[0]]),
+        (("sensors", "camera", "intrinsics"), {}),
+        (("rig_pose", "position_m"), [float("nan")] * 3),
+        (("provenance", "batch_seed"), -1),
+        (("sensors",), []),
+    ):
+        record = json.loads(sound)
+        put(*path)(record, value)
+        file.write_text(json.dumps(record))
+        with pytest.raises(InvalidInputError):
+            list(read_samples(out / "batch_0001"))
+    done = oaisys("repeat", out)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    for text in TEXTS.values():
+        file.write_bytes(text.encode("utf-8", "surrogateescape"))
+        with pytest.raises(InvalidInputError):
+            list(read_samples(out / "batch_0001"))
+    file.write_text(sound)
+    (out / "state.json").write_text("[]")
+    done = oaisys("render", "--config", config, "--out", out, "--samples", 2, "--resume")
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
