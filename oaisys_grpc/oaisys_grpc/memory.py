@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-
-from oaisys_grpc.server.supervision.worker_limits import resident_bytes
+from pathlib import Path
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 """Of glibc's ``mallopt``, from ``malloc.h``."""
@@ -19,6 +18,8 @@ HEAPS = 2
 
 GROWN_BYTES = 16 * 2**20
 """Growth since the last time after which freed memory is returned to the system."""
+
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
 def keep_freed_memory() -> None:
@@ -51,3 +52,11 @@ class IdleMemory:
             self._trim(0)
             self._least_bytes = resident_bytes(os.getpid())
         self._least_bytes = min(self._least_bytes, held)
+
+
+def resident_bytes(pid: int) -> int:
+    """Return the resident memory of a process; 0 where it has ended."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_BYTES
+    except (OSError, IndexError):
+        return 0

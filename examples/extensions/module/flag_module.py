@@ -8,7 +8,7 @@ from oaisys_core.config.section import Positive, Section
 from oaisys_core.geometry import transform
 from oaisys_core.scene import Primitive
 from oaisys_core.world.extension_modules import ExtensionModule
-from oaisys_core.world.module import Metadata, World, drawn
+from oaisys_core.world.module import Metadata, World, require
 
 
 class FlagOptions(Section):
@@ -25,7 +25,7 @@ class FlagModule(ExtensionModule):
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Plant the box of a new world."""
-        ground, size_m = drawn(world.ground), float(self.options.size_m)
+        ground, size_m = require(world.ground), float(self.options.size_m)
         x0, y0, x1, y1 = ground.extent_m
         x, y = rng.uniform((x0, y0), (x1, y1)) * 0.5
         pose = transform(np.eye(3), (x, y, float(ground.height_at([(x, y)])[0])))

@@ -19,9 +19,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
-from oaisys_core.cli.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.system.shortages import shortage
+from oaisys_core.system.signals import end_at_signal, interrupt_at_signals, work_in_child
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None
@@ -34,7 +34,7 @@ EXIT_INTERRUPTED = 130
 IN_CHILD = frozenset(
     {"audit", "certificate", "dataset", "drive", "evaluate", "heights", "render", "repeat"}
 )
-"""Commands that work in a child process, see `oaisys_core.cli.signals`; others that take long
+"""Commands that work in a child process, see `oaisys_core.system.signals`; others that take long
 start and end processes of their own, and handle signals themselves."""
 
 GRACE_S = {"drive": 4.0}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from oaisys_core.cli.signals import exit_at_signals
+from oaisys_core.system.signals import exit_at_signals
 
 
 def main() -> None:

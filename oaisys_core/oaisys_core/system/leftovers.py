@@ -1,6 +1,6 @@
 """What a command must not leave behind where it is ended: its unfinished files and its folders.
 
-`oaisys` ends a long command by killing the process that works (`oaisys_core.cli.signals`). That
+`oaisys` ends a long command by killing the process that works (`oaisys_core.system.signals`). That
 process writes down here which files and folders of its own exist for a while only; the process that
 kills it then removes them. Elsewhere, for instance in a program that uses this package, nothing is
 written down.

@@ -154,10 +154,6 @@ def require(part: T | None) -> T:
     return part
 
 
-drawn = require
-"""The name under which extensions import `require`."""
-
-
 class Module(ABC):
     """Draws one aspect of the world, without knowing the backend or the other modules.
 

@@ -18,6 +18,7 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     OaisysError,
 )
+from oaisys_grpc.memory import PAGE_BYTES
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,7 +35,6 @@ _USER, _SYSTEM = 11, 12
 """Fields of a thread's ``stat`` after the name in brackets."""
 
 MEGABYTE = 1_000_000
-_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 _AUTOMATIC_SHARE = 0.6
 """Share of the machine's memory, unless the user sets a limit."""
 
@@ -206,17 +206,9 @@ class MemoryLimits:
         return resident_bytes > max(self.recycle_bytes, _GROWTH_FACTOR * needed_bytes)
 
 
-def resident_bytes(pid: int) -> int:
-    """Return the resident memory of a process; 0 where it has ended."""
-    try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_BYTES
-    except (OSError, IndexError):
-        return 0
-
-
 def machine_bytes() -> int:
     """Return the memory of this machine, or of this container where that has less."""
-    found = [os.sysconf("SC_PHYS_PAGES") * _PAGE_BYTES]
+    found = [os.sysconf("SC_PHYS_PAGES") * PAGE_BYTES]
     for file in _CONTROL_GROUP_FILES:
         try:
             found.append(int(file.read_text()))

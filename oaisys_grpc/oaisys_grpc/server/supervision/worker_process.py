@@ -26,6 +26,7 @@ from oaisys_core.errors import (
     WorkerLostError,
 )
 from oaisys_core.system.python_programs import python_command, python_environment
+from oaisys_grpc.memory import resident_bytes
 from oaisys_grpc.server.supervision.crashes import KilledWorkerError, OutgrownWorkerError
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_limits import (
@@ -34,7 +35,6 @@ from oaisys_grpc.server.supervision.worker_limits import (
     ProcessorTime,
     Watchdog,
     oom_kills,
-    resident_bytes,
 )
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage

@@ -132,7 +132,9 @@ def test_a_signal_at_any_moment_has_one_exit_code_and_leaves_nothing(
 
 def test_a_signal_before_the_work_begins_is_an_exit_code(start: Callable[..., Command]) -> None:
     code = "from oaisys_core.cli.program import main; import time; print(flush=True); "
-    code += "from oaisys_core.cli.signals import exit_at_signals; exit_at_signals(); time.sleep(60)"
+    code += (
+        "from oaisys_core.system.signals import exit_at_signals; exit_at_signals(); time.sleep(60)"
+    )
     for number in ENDINGS:
         with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
