@@ -15,7 +15,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_to_matrix
 from oaisys_core.procedural.terrain.presets import PRESETS
-from oaisys_core.raycast.far_ground import FarGroundTarget
+from oaisys_core.raycast.far_ground import FarGroundTarget, far_triangles
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, ModuleMetadata, PinholeIntrinsics, Pose, Sample
 
@@ -246,7 +246,7 @@ def test_no_ray_is_left_out_that_meets_the_ground_beyond(surroundings: str) -> N
         origin_m = np.array((*rng.uniform(-19.9, 19.9, 2), height_m))
         directions = rng.normal(size=(20_000, 3)) * (1, 1, 0.15)
         found_m, _ = target.intersect(origin_m, directions)
-        expected_m, _ = far_ground.target.intersect(origin_m, directions)
+        expected_m, _ = far_triangles(far_ground).intersect(origin_m, directions)
         hit = np.isfinite(expected_m)
         assert (found_m[hit] <= expected_m[hit]).all()
         met += int(hit.sum())

@@ -71,7 +71,7 @@ def test_land_is_drawn_from_the_seed_alone(with_land: TerrainMaterial) -> None:
 @pytest.mark.parametrize("count", [2, 3])
 def test_land_has_the_shares_of_the_stage(count: int) -> None:
     land = material(count=count).land
-    assert land is not None
+    assert isinstance(land, PatchyLandMasks)
     np.testing.assert_allclose(land.weights.sum(axis=0), 1, atol=1e-5)
     won = np.bincount(land.weights.argmax(axis=0).ravel()) / land.weights[0].size
     np.testing.assert_allclose(won, land.shares, atol=0.05)
