@@ -48,9 +48,10 @@ test-full: setup ## Run the long tests: every example, soaks, fuzzing, both size
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
 	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/server/test_fuzz.py
 
-lint: setup ## Check style, formatting, types and the gRPC contract
+lint: setup ## Check style, formatting, the layers, types and the gRPC contract
 	@$(IN_ENV) ruff check .
 	@$(IN_ENV) ruff format --check .
+	@$(IN_ENV) lint-imports --no-logo
 	@$(IN_ENV) mypy $(foreach package,$(TYPED),-p $(package)) -p tools
 	@$(IN_ENV) mypy $(TEST_TYPES) test
 	@tools/buf.sh '$(abspath $(VENV))/buf'

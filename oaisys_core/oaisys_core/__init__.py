@@ -1,6 +1,7 @@
 """The simulator's core: what a world is, how it is drawn from a seed, and how it is rendered."""
 
 import sys
+from pathlib import Path
 
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:  # as in `python -m oaisys_core`
     del sys.path[0]  # the current folder, whose files nothing may import
@@ -9,4 +10,4 @@ from oaisys_core.system.native_libraries import guard_open3d
 
 guard_open3d()
 
-__version__ = "0.1.0"
+__version__ = Path(__file__).with_name("VERSION").read_text(encoding="ascii").strip()

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from repository import REPOSITORY
 
-ROOMS = {"core": "core", "grpc": "grpc", "mapping": "mapping", "ros_bridge": "ros_bridge"}
-"""Packages by the folder of their tests."""
+PACKAGES = ("core", "dataset", "grpc", "mapping", "ros_bridge")
+"""Names without `oaisys_`; their tests are in folders of the same names."""
 SHARED = ("timeout", "timeout_method")
 
 
@@ -33,15 +33,15 @@ def of_package(name: str) -> configparser.SectionProxy:
 
 def test_every_package_with_tests_is_known() -> None:
     packages = {file.parent.name for file in REPOSITORY.glob("oaisys_*/setup.cfg")}
-    assert packages == {f"oaisys_{name}" for name in ROOMS}
+    assert packages == {f"oaisys_{name}" for name in PACKAGES}
 
 
-@pytest.mark.parametrize("name", ROOMS)
+@pytest.mark.parametrize("name", PACKAGES)
 def test_a_package_runs_its_tests_as_the_repository_does(name: str) -> None:
     whole, own = of_repository(), of_package(name)
     folder = REPOSITORY / f"oaisys_{name}"
 
-    assert own["testpaths"].split() == [f"../test/{ROOMS[name]}"]
+    assert own["testpaths"].split() == [f"../test/{name}"]
     paths = [Path(os.path.normpath(folder / path)) for path in own["pythonpath"].split()]
     assert paths == [REPOSITORY / path for path in whole["pythonpath"]]
     assert own["markers"].strip().splitlines() == whole["markers"]

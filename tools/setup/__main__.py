@@ -23,6 +23,7 @@ from tools.setup.environment import (
     REQUIREMENTS,
     SETUP,
     UNDERLAY,
+    VERSION,
     Environment,
     process_environment,
 )
@@ -42,7 +43,7 @@ def _stages(environment: Environment, programs: Programs) -> list[list[SetupStep
     requirements = digest(REQUIREMENTS, SETUP, INTERPRETER, str(environment.root))
     interfaces = digest(requirements, OAISYS_MSGS, *UNDERLAY)
     project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
-    packages = digest(requirements, *(file for file in project if file.is_file()))
+    packages = digest(requirements, VERSION, *(file for file in project if file.is_file()))
     install = SetupStep(
         "requirements",
         "installing the pinned packages (4 GB)",

@@ -22,6 +22,8 @@ PYTHON_PACKAGES = tuple(
         "oaisys_ros_bridge",
     )
 )
+VERSION = REPOSITORY / "VERSION"
+"""The version of all packages, each of which has a link to it."""
 SETUP = Path(__file__).resolve().parent
 UNDERLAY = tuple(
     REPOSITORY / "tools" / "underlay" / name for name in ("tf2_msgs", "simulation_interfaces")
