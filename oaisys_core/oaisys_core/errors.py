@@ -13,7 +13,7 @@ LONGEST_NAME = 100
 LONGEST_QUOTE = 80
 """Characters that an error shows of a value."""
 
-_MOST_BITS = 1024
+_MAX_BITS = 1024
 """Size of a whole number up to which its digits are computed, which takes time with its square."""
 
 
@@ -58,7 +58,7 @@ def _characters(value: object, depth: int) -> Iterator[str]:
 def _short_repr(value: object) -> str:
     if isinstance(value, str | bytes | bytearray):
         return repr(value[: LONGEST_QUOTE + 1])
-    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:
         return f"a whole number of {value.bit_length()} bits"
     try:
         return repr(value)

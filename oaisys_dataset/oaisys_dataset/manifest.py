@@ -27,7 +27,7 @@ from oaisys_core.output.record_types import (
     Matrix,
     Name,
     Number,
-    Place,
+    Ordinal,
     PoseFields,
     ProvenanceFields,
     Seconds,
@@ -107,8 +107,8 @@ class FrameRecord:
     """
 
     frame_id: Name
-    world: Place
-    view: Place
+    world: Ordinal
+    view: Ordinal
     sensor: Name
     split: SplitName
     world_seed: Seed
@@ -254,7 +254,7 @@ class WorldFailure:
         attempts: How often it was tried.
     """
 
-    world: Place
+    world: Ordinal
     split: SplitName
     world_seed: Seed
     reason: Text

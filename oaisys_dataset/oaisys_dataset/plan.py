@@ -12,10 +12,10 @@ from math import fsum, isfinite
 
 from oaisys_core.errors import InvalidInputError
 
-MOST_WORLDS = 1_000_000
+MAX_WORLDS = 1_000_000
 """Worlds of a data set, and views of a world, at most."""
 
-MOST_SPLIT_LETTERS = 64
+MAX_SPLIT_LETTERS = 64
 
 SPLITS = "train=0.8,val=0.1,test=0.1"
 """The splits by default, as `parsed_splits` reads them."""
@@ -48,7 +48,7 @@ def parsed_splits(text: str) -> dict[str, float]:
     for part in text.split(","):
         name, equals, number = (piece.strip() for piece in part.partition("="))
         share = _number(number)
-        is_name = name.isidentifier() and len(name) <= MOST_SPLIT_LETTERS
+        is_name = name.isidentifier() and len(name) <= MAX_SPLIT_LETTERS
         if not (is_name and equals and isfinite(share) and share > 0) or name in shares:
             expected = f"names that differ, each with a share above 0, such as {SPLITS}"
             raise InvalidInputError("splits", part.strip(), expected)

@@ -22,7 +22,7 @@ from oaisys_core.output.record_types import (
     Matrix,
     Name,
     Number,
-    Place,
+    Ordinal,
     PoseFields,
     ProvenanceFields,
     Seconds,
@@ -77,8 +77,8 @@ class ScanRecord:
     """
 
     scan_id: Name
-    world: Place
-    view: Place
+    world: Ordinal
+    view: Ordinal
     sensor: Name
     split: SplitName
     world_seed: Seed

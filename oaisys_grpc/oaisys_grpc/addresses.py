@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.system.socket_paths import MOST_PATH_BYTES, fits
+from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
 
@@ -32,7 +32,7 @@ def check_address(address: str, *, insecure: bool, encrypted: bool) -> None:
         if not unix_path(address).name:
             raise InvalidInputError("--address", address, "unix:PATH")
         if not fits(unix_path(address)):
-            expected = f"unix:PATH, with a path of at most {MOST_PATH_BYTES} bytes"
+            expected = f"unix:PATH, with a path of at most {MAX_PATH_BYTES} bytes"
             raise InvalidInputError("--address", address, expected)
         return
     host, port = host_and_port(address)

@@ -52,8 +52,8 @@ OPENCV_TYPES: dict[str, np.dtype[Any]] = {
     "64F": np.dtype(np.float64),
 }
 """Pixel types by their names in OpenCV."""
-MOST_CHANNELS = 4
-MOST_PIXELS = 65_536
+MAX_CHANNELS = 4
+MAX_PIXELS = 65_536
 """Width and height of an image."""
 
 FORMAT_BY_ENCODING: dict[str, PixelFormat] = {
@@ -65,7 +65,7 @@ FORMAT_BY_ENCODING: dict[str, PixelFormat] = {
     **{
         f"{name}C{channels}": PixelFormat(dtype, channels)
         for name, dtype in OPENCV_TYPES.items()
-        for channels in range(1, MOST_CHANNELS + 1)
+        for channels in range(1, MAX_CHANNELS + 1)
     },
 }
 """Encodings of the published images, and common ones of other cameras."""
@@ -93,7 +93,7 @@ def opencv_encoding(data: NDArray[Any]) -> str:
     for encoding, pixels in FORMAT_BY_ENCODING.items():
         if encoding not in COLOR_ORDERS and pixels == (dtype, channels):
             return encoding
-    expected = f"up to {MOST_CHANNELS} channels of {', '.join(map(str, OPENCV_TYPES.values()))}"
+    expected = f"up to {MAX_CHANNELS} channels of {', '.join(map(str, OPENCV_TYPES.values()))}"
     raise InvalidInputError("image.data", (data.shape, str(data.dtype)), expected)
 
 
@@ -197,9 +197,9 @@ def intrinsics_from_msg(msg: CameraInfo) -> PinholeIntrinsics:
     checked_type(msg, CameraInfo, "camera_info")
     if not np.isfinite([*msg.k, *msg.d]).all():
         raise InvalidInputError("camera_info", [*msg.k, *msg.d], "finite numbers in k and d")
-    if not (0 < msg.width <= MOST_PIXELS and 0 < msg.height <= MOST_PIXELS):
+    if not (0 < msg.width <= MAX_PIXELS and 0 < msg.height <= MAX_PIXELS):
         size = (msg.width, msg.height)
-        raise InvalidInputError("camera_info", size, f"1 to {MOST_PIXELS} pixels a side")
+        raise InvalidInputError("camera_info", size, f"1 to {MAX_PIXELS} pixels a side")
     K = np.asarray(msg.k).reshape(3, 3)
     distortion = tuple(float(value) for value in msg.d) if np.any(np.asarray(msg.d)) else ()
     model = EQUIDISTANT if msg.distortion_model == EQUIDISTANT else PLUMB_BOB
@@ -261,9 +261,9 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
         InvalidInputError: Unknown encoding, or sizes that do not agree with each other.
     """
     checked_type(msg, Image, "image")
-    if not (0 < msg.width <= MOST_PIXELS and 0 < msg.height <= MOST_PIXELS):
+    if not (0 < msg.width <= MAX_PIXELS and 0 < msg.height <= MAX_PIXELS):
         size = (msg.width, msg.height)
-        raise InvalidInputError("image", size, f"1 to {MOST_PIXELS} pixels a side")
+        raise InvalidInputError("image", size, f"1 to {MAX_PIXELS} pixels a side")
     plain, channels = _format_of(msg.encoding)
     dtype: np.dtype[Any] = plain.newbyteorder(">" if msg.is_bigendian else "<")
     row_bytes = dtype.itemsize * channels * msg.width

@@ -13,7 +13,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.sensors import CameraConfig, optics_bounds_px
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.raycast.clearance import MOST_EXTENTS
+from oaisys_core.raycast.clearance import MAX_EXTENTS
 from oaisys_core.raycast.surface import BAND_PIXELS, bands
 from oaisys_core.simulation import Simulation
 from oaisys_core.system.interruption import interruptible, stop_if_unwanted
@@ -90,7 +90,7 @@ def test_cameras_at_the_bounds_are_rendered_in_time(
 
 
 def test_a_long_lens_sees_the_stage_from_afar(simulation: Simulation) -> None:
-    height_m = 0.9 * MOST_EXTENTS * EXTENT_M
+    height_m = 0.9 * MAX_EXTENTS * EXTENT_M
     pose = pose_looking_down(0, 0, height_m)
     lens = {"fx_px": 1000.0 * WIDTH_PX, "fy_px": 1000.0 * WIDTH_PX, "cx_px": None, "cy_px": None}
     sample = simulation.step_sample(

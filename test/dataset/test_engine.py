@@ -27,7 +27,7 @@ from dataset_runs import (
 )
 from waiting import wait_until
 
-from oaisys_core.cli.repeat import LEAST_PSNR_DB
+from oaisys_core.cli.repeat import MIN_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import parsed_splits, world_tasks
@@ -179,7 +179,7 @@ def test_a_full_disk_ends_the_run_and_it_is_resumed(
     program = f"""
 import resource, sys
 from pathlib import Path
-from oaisys_core.cli.repeat import LEAST_PSNR_DB
+from oaisys_core.cli.repeat import MIN_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import parsed_splits
@@ -311,7 +311,7 @@ def test_kills_of_blender_s_workers_and_driver_lose_and_change_no_frame(
         for modality, pixels in old.arrays.items():
             if modality == "rgb":
                 error = np.mean((pixels.astype(float) - new.arrays["rgb"]) ** 2)
-                assert error <= 255**2 / 10 ** (LEAST_PSNR_DB / 10), told
+                assert error <= 255**2 / 10 ** (MIN_PSNR_DB / 10), told
             else:
                 assert np.array_equal(new.arrays[modality], pixels), (modality, told)
     wait_until(lambda: not list(temporary_folder.glob("oaisys_ray_*")))

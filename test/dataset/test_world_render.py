@@ -25,7 +25,7 @@ from oaisys_dataset.shards import HEAD, finished_worlds, tar_name
 from oaisys_dataset.workers import SetupFailure, ViewCounts, WorldBegun, render_world, written
 from oaisys_dataset.world_render import EncodedView, WorldRenderer
 
-MOST_KEPT_SHARE = 0.1
+MAX_KEPT_SHARE = 0.1
 """Memory that a worker may gain with each world, as a share of the images of one of its views."""
 
 TASKS = list(world_tasks(3, 3, 2, {"train": 0.5, "val": 0.5}))
@@ -155,4 +155,4 @@ def test_a_worker_keeps_nothing_of_the_worlds_that_it_has_rendered(tmp_path: Pat
     images_mb = sum(pixels.nbytes for pixels in open_dataset(tmp_path)[0].arrays.values()) / 1e6
     early, late = slice(5, 8), slice(23, 26)
     mb_per_world = (np.median(held_mb[late]) - np.median(held_mb[early])) / 18
-    assert mb_per_world < MOST_KEPT_SHARE * images_mb, held_mb
+    assert mb_per_world < MAX_KEPT_SHARE * images_mb, held_mb

@@ -31,7 +31,7 @@ BLACK = 1
 """Largest value of a channel of a black pixel, of 255; a `raw` picture's are 0."""
 BLACK_ALBEDO = 3
 """The same of reflectance: 0.001 linear. The darkest built-in ground has ten times as much."""
-MOST_BLACK = 0.01
+MAX_BLACK = 0.01
 """Share of lit pixels that may be black: gaps between stones that no sample's light reached."""
 
 SPECKLE = 1 / 16
@@ -39,12 +39,12 @@ SPECKLE = 1 / 16
 
 One of sixteen grey steps from black to white, which one sees at a glance.
 """
-MOST_SPECKLES = 0.01
+MAX_SPECKLES = 0.01
 REFERENCE_SAMPLES = 32
-LEAST_PIXELS = 300
+MIN_PIXELS = 300
 """A picture with fewer pixels that can be judged is not."""
 
-MOST_BEND = 0.1
+MAX_BEND = 0.1
 """Relative second difference of the inverse depth from which a pixel counts as an edge."""
 FARTHEST_M = 1e5
 LOWEST_SUN_DEG = 5.0
@@ -150,10 +150,10 @@ class _View:
             )
         figures |= self._black(surface)
         for kind in ("black", "black_albedo"):
-            if figures[kind] > MOST_BLACK:
+            if figures[kind] > MAX_BLACK:
                 self.faults.append(f"{self.name}: {kind} {figures[kind]:.1%} of what has light")
         figures["speckles"] = self._speckles()
-        if figures["speckles"] > MOST_SPECKLES:
+        if figures["speckles"] > MAX_SPECKLES:
             self.faults.append(f"{self.name}: {figures['speckles']:.1%} of the pixels are speckles")
         for modality, frame in self.frames.items():
             if np.isposinf(np.abs(frame.data.astype(np.float64))).any() and modality == "flow":
@@ -184,8 +184,8 @@ class _View:
         no_albedo = self.is_ground & ~has_albedo
         return {
             "lit": float(is_lit.mean()),
-            "black": float(black.sum() / max(judged.sum(), LEAST_PIXELS)),
-            "black_albedo": float(no_albedo.sum() / max(self.is_ground.sum(), LEAST_PIXELS)),
+            "black": float(black.sum() / max(judged.sum(), MIN_PIXELS)),
+            "black_albedo": float(no_albedo.sum() / max(self.is_ground.sum(), MIN_PIXELS)),
         }
 
     def _light(self, surface: Surface) -> Mask:
@@ -218,7 +218,7 @@ class _View:
     def _speckles(self) -> float:
         """Return the share of pixels that stand out from their neighbours, beyond the converged."""
         judged = self.is_hit & ~self._edges()
-        if judged.sum() < LEAST_PIXELS:
+        if judged.sum() < MIN_PIXELS:
             return 0.0
         alone = standing_out(self.frames["rgb"])
         converged = cv2.dilate(standing_out(self.reference["rgb"]), np.ones((3, 3), np.uint8))
@@ -231,7 +231,7 @@ class _View:
         kernel = np.ones((3, 3), np.uint8)
         edge = cv2.dilate(instance, kernel) != cv2.erode(instance, kernel)
         bend = np.abs(cv2.Laplacian(inverse, cv2.CV_64F))
-        edge |= bend > MOST_BEND * cv2.dilate(inverse, kernel)
+        edge |= bend > MAX_BEND * cv2.dilate(inverse, kernel)
         is_blurred = {"lens", "shutter_share", "exposure_s"} & self.camera.keys()
         width = 9 if is_blurred else 3
         return cv2.dilate(edge.astype(np.uint8), np.ones((width, width), np.uint8)).astype(bool)

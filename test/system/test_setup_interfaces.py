@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from repository import REPOSITORY
 
-from tools.setup.cache import MOST_ENTRIES, cache_folder, read_entry, write_entry
+from tools.setup.cache import MAX_ENTRIES, cache_folder, read_entry, write_entry
 from tools.setup.interfaces import colcon_progress, pack, unpack
 
 PREFIX = Path(sys.prefix)
@@ -39,13 +39,13 @@ def test_a_damaged_entry_is_not_used(tmp_path: Path, damage: str) -> None:
 
 
 def test_the_cache_keeps_what_was_used_last(tmp_path: Path) -> None:
-    for index in range(MOST_ENTRIES):
+    for index in range(MAX_ENTRIES):
         write_entry(tmp_path, str(index), b"content")
         os.utime(tmp_path / f"{index}.tar.gz", (index, index))
     assert read_entry(tmp_path, "0") == b"content"
     write_entry(tmp_path, "new", b"content")
     kept = {file.name.removesuffix(".tar.gz") for file in tmp_path.iterdir()}
-    assert kept == {"0", "new", *map(str, range(2, MOST_ENTRIES))}
+    assert kept == {"0", "new", *map(str, range(2, MAX_ENTRIES))}
 
 
 def test_a_cache_that_cannot_be_written_is_no_error(

@@ -11,9 +11,9 @@ from oaisys_core.geometry import depth_to_points, pose_looking_at
 from oaisys_core.types import Frame, Pose
 from tools.bench.views import Heights
 
-LEAST_RISE_M, MOST_RISE_M = 1.2, 12.0
+MIN_RISE_M, MAX_RISE_M = 1.2, 12.0
 """Heights of the camera above the surface; drawn from a log-uniform distribution."""
-LEAST_DOWN_DEG, MOST_DOWN_DEG = 8.0, 80.0
+MIN_DOWN_DEG, MAX_DOWN_DEG = 8.0, 80.0
 """Angles under the horizon at which views look."""
 WITHIN = 0.7
 """Share of the stage's edges, around its centre, over which cameras are."""
@@ -22,7 +22,7 @@ FREE_M = 0.5
 RING = 8
 
 CLOSE_SHARE, CLOSE_M = 0.05, 0.6
-LEAST_ON_STAGE = 0.75
+MIN_ON_STAGE = 0.75
 """Share of the pixels that show the stage: not sky and not the plain around it."""
 TRIES = 500
 
@@ -66,9 +66,9 @@ def _drawn(stage: StageSurface, rng: np.random.Generator) -> Pose | None:
     x0, y0, x1, y1 = stage.extent_m
     middle, half = np.array((x0 + x1, y0 + y1)) / 2, np.array((x1 - x0, y1 - y0)) / 2
     x_m, y_m = middle + half * rng.uniform(-WITHIN, WITHIN, 2)
-    rise_m = float(np.exp(rng.uniform(np.log(LEAST_RISE_M), np.log(MOST_RISE_M))))
+    rise_m = float(np.exp(rng.uniform(np.log(MIN_RISE_M), np.log(MAX_RISE_M))))
     heading_rad = rng.uniform(0, 2 * np.pi)
-    down_rad = np.radians(rng.uniform(LEAST_DOWN_DEG, MOST_DOWN_DEG))
+    down_rad = np.radians(rng.uniform(MIN_DOWN_DEG, MAX_DOWN_DEG))
     around_rad = 2 * np.pi * np.arange(RING) / RING
     ring = [(x_m + FREE_M * np.cos(a), y_m + FREE_M * np.sin(a), 0.0) for a in around_rad]
     # To a millimetre, so that ray casters whose last digits differ agree on the pose.
@@ -88,4 +88,4 @@ def shows_stage(depth: Frame, extent_m: Extent) -> bool:
         xy_m = (depth_to_points(depth.data, depth.intrinsics) @ rotation.T + eye_m)[..., :2]
         on_stage = ((xy_m >= extent_m[:2]) & (xy_m <= extent_m[2:])).all(axis=-1)
     is_close = depth.data < CLOSE_M
-    return float(on_stage.mean()) >= LEAST_ON_STAGE and float(is_close.mean()) <= CLOSE_SHARE
+    return float(on_stage.mean()) >= MIN_ON_STAGE and float(is_close.mean()) <= CLOSE_SHARE

@@ -13,7 +13,7 @@ import tempfile
 import zlib
 from pathlib import Path
 
-MOST_ENTRIES = 8
+MAX_ENTRIES = 8
 """The least recently used ones beyond this number are removed; each has some megabytes."""
 
 _SUFFIX = ".tar.gz"
@@ -64,5 +64,5 @@ def write_entry(folder: Path, key: str, content: bytes) -> None:
                 partial.unlink(missing_ok=True)
                 return
         by_age = sorted(folder.glob(f"*{_SUFFIX}"), key=lambda path: path.stat().st_mtime_ns)
-        for entry in by_age[:-MOST_ENTRIES]:
+        for entry in by_age[:-MAX_ENTRIES]:
             entry.unlink(missing_ok=True)

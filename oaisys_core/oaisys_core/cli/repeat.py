@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from oaisys_core.types import RecordedSample, Sample
     from oaisys_core.verification.recorded_samples import Comparison
 
-LEAST_PSNR_DB = 40.0
+MIN_PSNR_DB = 40.0
 
 
 class DifferentSampleError(OaisysError):
@@ -43,7 +43,7 @@ def repeat(
     ] = None,
     least_psnr: Annotated[
         float, typer.Option(help="Least PSNR of colours, in dB.", min=0)
-    ] = LEAST_PSNR_DB,
+    ] = MIN_PSNR_DB,
 ) -> None:
     """Render recorded samples again from their provenance, and compare with what was recorded.
 

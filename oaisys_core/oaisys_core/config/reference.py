@@ -19,7 +19,7 @@ and `config/schema.json` is the same reference for editors.
 Lengths are in metres, angles in degrees. Pixel centres are at integers, as in OpenCV. A *range* is
 `[least, most]` or a single number for both; the value is drawn uniformly from it.
 """
-MOST_PLACES = 5
+MAX_PLACES = 5
 """Largest number of places of a section that are listed."""
 
 Schema = Mapping[str, Any]
@@ -74,7 +74,7 @@ def _section(node: Schema, places: list[str]) -> str:
     kind = node.get("properties", {}).get("kind", {}).get("const")
     lines = [f"## {title}" + (f", `kind: {kind}`" if kind else ""), "", node["description"]]
     if len(places) > 1:
-        others = [f"`{place}`" for place in places[1:MOST_PLACES]]
+        others = [f"`{place}`" for place in places[1:MAX_PLACES]]
         more = len(places) - 1 - len(others)
         if more:
             others.append(f"{more} other places")

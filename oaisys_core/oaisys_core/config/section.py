@@ -23,10 +23,10 @@ Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
 
-MOST_M = 1e7
+MAX_M = 1e7
 """Largest coordinate or size, up to which float32 is precise enough."""
 
-Metres = Annotated[float, Field(ge=-MOST_M, le=MOST_M)]
+Metres = Annotated[float, Field(ge=-MAX_M, le=MAX_M)]
 Position = tuple[Metres, Metres, Metres]
 Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 """A factor on a size."""

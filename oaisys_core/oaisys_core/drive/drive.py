@@ -28,7 +28,7 @@ from oaisys_core.types import (
     ignore_progress,
 )
 
-MOST_MEASUREMENTS = 5_000_000
+MAX_MEASUREMENTS = 5_000_000
 """Measurements of all sensors in one drive: four hours with 340 in a second."""
 
 
@@ -93,7 +93,7 @@ class Drive:
 
         Raises:
             InvalidInputError: There is no such section or sensor, the vehicle cannot drive this
-                way, or there would be more than `MOST_MEASUREMENTS`.
+                way, or there would be more than `MAX_MEASUREMENTS`.
             NotReadyError: There is no world yet.
         """
         self._simulation = simulation
@@ -107,8 +107,8 @@ class Drive:
         self.imu_names = frozenset(self._imus).intersection(self.rates_hz)
         self._rendered = frozenset(self.rates_hz) - {*self._imus, ODOMETRY}
         count = self.duration_s * sum(self.rates_hz.values())
-        if count > MOST_MEASUREMENTS:
-            expected = f"a drive with at most {MOST_MEASUREMENTS} measurements"
+        if count > MAX_MEASUREMENTS:
+            expected = f"a drive with at most {MAX_MEASUREMENTS} measurements"
             raise InvalidInputError("drive.duration_s", self.duration_s, expected)
         self.schedule = SensorSchedule(rates, self.plan.trajectory.start_s, self.plan.end_s)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.files.documents import DocumentError
 
-MOST_ARRAYS = 1000
+MAX_ARRAYS = 1000
 
 
 def load_arrays(path: Path, most_bytes: int) -> dict[str, NDArray[Any]]:
@@ -41,8 +41,8 @@ def load_arrays(path: Path, most_bytes: int) -> dict[str, NDArray[Any]]:
 
 def _check(archive: zipfile.ZipFile, most_bytes: int) -> None:
     entries = archive.infolist()
-    if len(entries) > MOST_ARRAYS:
-        raise DocumentError(f"it has {len(entries)} arrays, more than {MOST_ARRAYS}")
+    if len(entries) > MAX_ARRAYS:
+        raise DocumentError(f"it has {len(entries)} arrays, more than {MAX_ARRAYS}")
     total = sum(_array_bytes(archive, entry) for entry in entries)
     if total > most_bytes:
         raise DocumentError(f"its arrays have {total} bytes, more than {most_bytes}")

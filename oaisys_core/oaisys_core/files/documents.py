@@ -16,19 +16,19 @@ from oaisys_core.errors import quoted
 if TYPE_CHECKING:
     import yaml
 
-MOST_TEXT_BYTES = 4_000_000
+MAX_TEXT_BYTES = 4_000_000
 """Size of a YAML or JSON file that a person may have written."""
 
-MOST_VALUES = 500_000
+MAX_VALUES = 500_000
 """Values in a YAML document after each alias is replaced by what it stands for."""
 
-MOST_DEPTH = 64
+MAX_DEPTH = 64
 """Lists and mappings inside of each other, aliases followed."""
 
 LONGEST_NUMBER = 400
 """Characters of a number or a date in YAML; reading longer ones takes time with their square."""
 
-MOST_ROW_BYTES = 256
+MAX_ROW_BYTES = 256
 """Mean size of a row in a CSV file."""
 
 _NUMBERS = tuple(f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "timestamp"))
@@ -38,7 +38,7 @@ class DocumentError(ValueError):
     """A document cannot be read, or is larger or more nested than its bounds."""
 
 
-def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
+def read_text(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     """Return the text in a file.
 
     Raises:
@@ -76,15 +76,15 @@ def parse_json(text: str | bytes) -> Any:
     """Return the data in a JSON text.
 
     Raises:
-        ValueError: It is not JSON, or is nested more than `MOST_DEPTH` times.
+        ValueError: It is not JSON, or is nested more than `MAX_DEPTH` times.
     """
     try:
         data = json.loads(text)
     except RecursionError:
-        raise DocumentError(f"it is nested more than {MOST_DEPTH} times") from None
+        raise DocumentError(f"it is nested more than {MAX_DEPTH} times") from None
     # A text with fewer brackets than that cannot be nested deeper, and most have fewer.
     raw = text if isinstance(text, bytes) else text.encode(errors="replace")
-    if raw.count(b"[") + raw.count(b"{") > MOST_DEPTH:
+    if raw.count(b"[") + raw.count(b"{") > MAX_DEPTH:
         _check_depth(data)
     return data
 
@@ -93,13 +93,13 @@ def parse_plain_json(text: str) -> Any:
     """Return the data in a JSON text that a program has sent, where nothing is ambiguous.
 
     Raises:
-        DocumentError: It is not JSON, larger than `MOST_TEXT_BYTES`, nested too deep, has a key
+        DocumentError: It is not JSON, larger than `MAX_TEXT_BYTES`, nested too deep, has a key
             twice, a number that is not finite as a float, or a character that UTF-8 has not.
     """
-    if len(text) > MOST_TEXT_BYTES:
-        raise DocumentError(f"it has {len(text)} characters, more than {MOST_TEXT_BYTES}")
-    if text.count("[") + text.count("{") > MOST_VALUES:
-        raise DocumentError(f"it has more than {MOST_VALUES} values")
+    if len(text) > MAX_TEXT_BYTES:
+        raise DocumentError(f"it has {len(text)} characters, more than {MAX_TEXT_BYTES}")
+    if text.count("[") + text.count("{") > MAX_VALUES:
+        raise DocumentError(f"it has more than {MAX_VALUES} values")
     try:
         data = json.loads(
             text,
@@ -110,7 +110,7 @@ def parse_plain_json(text: str) -> Any:
         )
         json.dumps(data, ensure_ascii=False).encode()
     except RecursionError:
-        raise DocumentError(f"it is nested more than {MOST_DEPTH} times") from None
+        raise DocumentError(f"it is nested more than {MAX_DEPTH} times") from None
     except ValueError as error:
         raise DocumentError(str(error)) from error
     _check_depth(data)
@@ -142,8 +142,8 @@ def _check_depth(data: Any) -> None:
     level, depth = [data], 0
     while level:
         depth += 1
-        if depth > MOST_DEPTH + 1:
-            raise DocumentError(f"it is nested more than {MOST_DEPTH} times")
+        if depth > MAX_DEPTH + 1:
+            raise DocumentError(f"it is nested more than {MAX_DEPTH} times")
         level = [
             each
             for value in level
@@ -169,8 +169,8 @@ def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
     """
     import yaml
 
-    if len(text) > MOST_TEXT_BYTES:
-        raise DocumentError(f"it has {len(text)} characters, more than {MOST_TEXT_BYTES}")
+    if len(text) > MAX_TEXT_BYTES:
+        raise DocumentError(f"it has {len(text)} characters, more than {MAX_TEXT_BYTES}")
     loader_class = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         _check_nesting(yaml.parse(text, Loader=loader_class))
@@ -193,9 +193,9 @@ def _check_nesting(events: Iterator[yaml.Event]) -> None:
     for event in events:
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
-            if depth > MOST_DEPTH:
+            if depth > MAX_DEPTH:
                 line = _line(event.start_mark)
-                raise DocumentError(f"line {line} is nested more than {MOST_DEPTH} times")
+                raise DocumentError(f"line {line} is nested more than {MAX_DEPTH} times")
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
 
@@ -220,11 +220,11 @@ def _check_expansion(root: yaml.Node) -> None:
         sizes[id(node)] = None
         children = [measure(child) for child in _children(node)]
         size, depth = 1 + sum(s for s, _ in children), 1 + max((d for _, d in children), default=0)
-        if size > MOST_VALUES:
-            expected = f"more than {MOST_VALUES} values, aliases replaced"
+        if size > MAX_VALUES:
+            expected = f"more than {MAX_VALUES} values, aliases replaced"
             raise DocumentError(f"line {line}: {expected}")
-        if depth > MOST_DEPTH:
-            raise DocumentError(f"line {line} is nested more than {MOST_DEPTH} times")
+        if depth > MAX_DEPTH:
+            raise DocumentError(f"line {line} is nested more than {MAX_DEPTH} times")
         sizes[id(node)] = size, depth
         return size, depth
 
@@ -257,7 +257,7 @@ def read_csv(
         OSError: It cannot be read.
         ValueError: It is no CSV file, or has more rows or bytes than it may.
     """
-    lines = read_text(path, most_rows * MOST_ROW_BYTES).splitlines(keepends=True)
+    lines = read_text(path, most_rows * MAX_ROW_BYTES).splitlines(keepends=True)
     rows: list[dict[str, str]] = []
     try:
         for row in csv.DictReader(lines, columns):

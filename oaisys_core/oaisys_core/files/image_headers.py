@@ -14,7 +14,7 @@ FORMATS = "PNG, JPEG, TIFF, BMP, WebP or PNM"
 
 _SIZE_TAGS = {256: "width", 257: "height", 277: "samples", 322: "tile_width", 323: "tile_height"}
 _TIFF_VALUES = {3: "H", 4: "I", 16: "Q"}
-_MOST_TAGS = 4096
+_MAX_TAGS = 4096
 _NO_FRAME = (0xC4, 0xC8, 0xCC)
 """Markers among those of a JPEG's frames that are none: tables and extensions."""
 _LONGEST_TEXT_HEADER = 65_536
@@ -89,8 +89,8 @@ def _tiff(data: bytes) -> tuple[int, int]:
     (place,) = struct.unpack_from(order + word, data, start)
     (count,) = struct.unpack_from(order + ("Q" if is_big else "H"), data, place)
     place += 8 if is_big else 2
-    if count > _MOST_TAGS:
-        raise ValueError(f"it has {count} tags, more than {_MOST_TAGS}")
+    if count > _MAX_TAGS:
+        raise ValueError(f"it has {count} tags, more than {_MAX_TAGS}")
     found: dict[str, int] = {}
     for number in range(count):
         at = place + number * entry_bytes

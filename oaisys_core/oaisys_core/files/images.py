@@ -25,7 +25,7 @@ _HEADER_BYTES = 1_000_000
 _EXR_CHANNELS = 8
 """Channels of an EXR file with as many pixels as it may have."""
 
-MOST_BANDS = 64
+MAX_BANDS = 64
 """Bands of a GeoTIFF."""
 
 
@@ -184,8 +184,8 @@ def open_geotiff(source: Path | bytes, use: ImageUse, name: str | None = None) -
 
 def _check_geotiff(file: Any, use: ImageUse, name: str) -> None:
     use.check(file.width, file.height, name)
-    if file.count > MOST_BANDS:
-        expected = f"{use.name} of at most {MOST_BANDS} bands, not {file.count}"
+    if file.count > MAX_BANDS:
+        expected = f"{use.name} of at most {MAX_BANDS} bands, not {file.count}"
         raise InvalidInputError(use.field, name, expected)
     is_mixed = file.interleaving is not None and file.interleaving.value == "PIXEL"
     together = file.count if is_mixed else 1

@@ -12,21 +12,21 @@ from typing import Any
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_bytes
 
-MOST_BYTES = 2_000_000_000
+MAX_BYTES = 2_000_000_000
 """Size of a binary mesh file, and of a file that it refers to."""
 
-MOST_TEXT_BYTES = 500_000_000
+MAX_TEXT_BYTES = 500_000_000
 """Size of a mesh file that is text: reading takes twenty times as much memory."""
 
-MOST_VERTICES = 20_000_000
+MAX_VERTICES = 20_000_000
 """Vertices, and triangles, of a mesh; each instance in a glTF scene counts."""
 
-MOST_MAP_VERTICES = 400_000_000
-MOST_MAP_BYTES = 16_000_000_000
+MAX_MAP_VERTICES = 400_000_000
+MAX_MAP_BYTES = 16_000_000_000
 """Likewise of the maps and true meshes that an evaluation reads."""
 
-MOST_NODES = 100_000
-MOST_NODE_DEPTH = 200
+MAX_NODES = 100_000
+MAX_NODE_DEPTH = 200
 _HEADER_BYTES = 65_536
 _PLY_TYPES = {
     **dict.fromkeys((b"char", b"uchar", b"int8", b"uint8"), 1),
@@ -39,7 +39,7 @@ _COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 
 
 def check_mesh_file(
-    path: Path, field: str, *, most_bytes: int = MOST_BYTES, most_elements: int = MOST_VERTICES
+    path: Path, field: str, *, most_bytes: int = MAX_BYTES, most_elements: int = MAX_VERTICES
 ) -> None:
     """Raise if a mesh file is too large, or announces more than it contains.
 
@@ -57,7 +57,7 @@ def check_mesh_file(
     try:
         with path.open("rb") as file:
             start = file.read(_HEADER_BYTES)
-        most = MOST_TEXT_BYTES if _is_text(suffix, start) else most_bytes
+        most = MAX_TEXT_BYTES if _is_text(suffix, start) else most_bytes
         if size > most:
             raise ValueError(f"at most {most} bytes, not {size}")
         if start.startswith(b"ply"):
@@ -74,7 +74,7 @@ def check_map_file(path: Path, field: str) -> None:
     Raises:
         InvalidInputError: With the file, the size and the bound.
     """
-    check_mesh_file(path, field, most_bytes=MOST_MAP_BYTES, most_elements=MOST_MAP_VERTICES)
+    check_mesh_file(path, field, most_bytes=MAX_MAP_BYTES, most_elements=MAX_MAP_VERTICES)
 
 
 def _is_text(suffix: str, start: bytes) -> bool:
@@ -134,7 +134,7 @@ def read_gltf(path: Path, field: str) -> tuple[Mapping[str, Any], bytes]:
         InvalidInputError: It cannot be read, or announces more than it contains.
     """
     try:
-        data = read_bytes(path, MOST_BYTES)
+        data = read_bytes(path, MAX_BYTES)
         text, binary = _glb_parts(data) if data.startswith(b"glTF") else (data, b"")
         document = parse_json(text)
         if not isinstance(document, dict):
@@ -172,8 +172,8 @@ def _check_gltf(document: Mapping[str, Any]) -> None:
     values = 0
     for accessor in _entries(document, "accessors"):
         count = _count(accessor, "count")
-        if count > 3 * MOST_VERTICES:
-            raise ValueError(f"an accessor of at most {3 * MOST_VERTICES} elements, not {count}")
+        if count > 3 * MAX_VERTICES:
+            raise ValueError(f"an accessor of at most {3 * MAX_VERTICES} elements, not {count}")
         components = _COMPONENTS.get(str(accessor.get("type")), 16)
         values += count * components
         if "bufferView" in accessor:
@@ -181,17 +181,17 @@ def _check_gltf(document: Mapping[str, Any]) -> None:
             needed = count * components * _COMPONENT_BYTES.get(accessor.get("componentType", 0), 1)
             if not view.get("byteStride") and needed > _count(view, "byteLength"):
                 raise ValueError(f"an accessor of {count} elements is larger than its view")
-    if values > 32 * MOST_VERTICES:
-        raise ValueError(f"accessors of at most {32 * MOST_VERTICES} numbers, not {values}")
+    if values > 32 * MAX_VERTICES:
+        raise ValueError(f"accessors of at most {32 * MAX_VERTICES} numbers, not {values}")
     for buffer in _entries(document, "buffers"):
-        if _count(buffer, "byteLength", 0) > MOST_BYTES:
-            raise ValueError(f"a buffer of at most {MOST_BYTES} bytes")
+        if _count(buffer, "byteLength", 0) > MAX_BYTES:
+            raise ValueError(f"a buffer of at most {MAX_BYTES} bytes")
     _check_nodes(_entries(document, "nodes"))
 
 
 def _check_nodes(nodes: Sequence[Mapping[str, Any]]) -> None:
-    if len(nodes) > MOST_NODES:
-        raise ValueError(f"at most {MOST_NODES} nodes, not {len(nodes)}")
+    if len(nodes) > MAX_NODES:
+        raise ValueError(f"at most {MAX_NODES} nodes, not {len(nodes)}")
     children = [tuple(node.get("children", ())) for node in nodes]
     below = [child for each in children for child in each]
     if len(set(below)) < len(below) or any(not 0 <= child < len(nodes) for child in below):
@@ -201,8 +201,8 @@ def _check_nodes(nodes: Sequence[Mapping[str, Any]]) -> None:
     while level:
         depth += 1
         reached += len(level)
-        if depth > MOST_NODE_DEPTH:
-            raise ValueError(f"nodes nested at most {MOST_NODE_DEPTH} times")
+        if depth > MAX_NODE_DEPTH:
+            raise ValueError(f"nodes nested at most {MAX_NODE_DEPTH} times")
         level = [child for node in level for child in children[node]]
     if reached < len(nodes):
         raise ValueError("nodes that are no trees")

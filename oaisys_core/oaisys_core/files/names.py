@@ -10,10 +10,10 @@ from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
 
-MOST_NAME_BYTES = 200
+MAX_NAME_BYTES = 200
 """Longest name: file systems take 255 bytes, and a name gets endings such as ``.normal.tif``."""
 
-NAME_EXPECTED = f"a name of at most {MOST_NAME_BYTES} bytes: letters, digits, _, inside also . + -"
+NAME_EXPECTED = f"a name of at most {MAX_NAME_BYTES} bytes: letters, digits, _, inside also . + -"
 _SIGNS = frozenset("_.+-")
 
 
@@ -24,7 +24,7 @@ def is_name(text: str) -> bool:
         and (text[0].isalnum() or text[0] == "_")
         and text[-1] not in "."
         and all(letter.isalnum() or letter in _SIGNS for letter in text)
-        and len(text.encode("utf-8", "replace")) <= MOST_NAME_BYTES
+        and len(text.encode("utf-8", "replace")) <= MAX_NAME_BYTES
     )
 
 

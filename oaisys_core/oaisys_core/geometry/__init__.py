@@ -18,7 +18,7 @@ from oaisys_core.geometry.cameras import (
 )
 from oaisys_core.geometry.distortion import (
     INVERSE_TOLERANCE,
-    LEAST_MAGNIFICATION,
+    MIN_MAGNIFICATION,
     distorted,
     undistorted,
 )
@@ -47,8 +47,8 @@ from oaisys_core.geometry.poses import (
 __all__ = [
     "IDENTITY_QUAT_XYZW",
     "INVERSE_TOLERANCE",
-    "LEAST_MAGNIFICATION",
     "LENS_REACH",
+    "MIN_MAGNIFICATION",
     "QUATERNION_TOLERANCE",
     "ROTATION_TOLERANCE",
     "R_LINK_OPTICAL",

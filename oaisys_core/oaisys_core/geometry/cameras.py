@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.geometry.distortion import LEAST_MAGNIFICATION, area_scale, distorted, undistorted
+from oaisys_core.geometry.distortion import MIN_MAGNIFICATION, area_scale, distorted, undistorted
 from oaisys_core.geometry.fisheye import (
     directions_of,
     fisheye_angle_rad,
@@ -110,7 +110,7 @@ def _lens_reach(intrinsics: PinholeIntrinsics) -> tuple[FloatArray, FloatArray]:
     radii = np.linspace(0.0, LENS_REACH * farthest, REACH_RADII)
     xy = np.stack((np.cos(azimuths), np.sin(azimuths)), axis=-1)[:, None] * radii[:, None]
     scale = area_scale(xy.reshape(-1, 2), intrinsics.distortion)
-    surplus = scale.reshape(xy.shape[:2]) - LEAST_MAGNIFICATION
+    surplus = scale.reshape(xy.shape[:2]) - MIN_MAGNIFICATION
     reaches = np.full(len(azimuths), radii[-1])
     folds = np.flatnonzero((surplus <= 0).any(axis=1))
     after = np.maximum((surplus[folds] <= 0).argmax(axis=1), 1)

@@ -21,7 +21,7 @@ INVERSE_CHUNK = 16384
 INVERSE_HALVINGS = 10
 """How often a step of Newton's method that leads beyond a fold is halved."""
 
-LEAST_MAGNIFICATION = 1e-3
+MIN_MAGNIFICATION = 1e-3
 """A distortion that scales areas by less than this anywhere in the image is refused.
 
 The same holds for the slope of a fisheye's radius over the angle.
@@ -75,7 +75,7 @@ def _undistorted_chunk(target: FloatArray, distortion: tuple[float, ...]) -> Flo
             break
         found[far] = _newton_step(found[far], target[far], distortion)
     error = np.abs(distorted(found, distortion) - target).max(axis=1)
-    is_valid = (area_scale(found, distortion) > LEAST_MAGNIFICATION) & (error < INVERSE_TOLERANCE)
+    is_valid = (area_scale(found, distortion) > MIN_MAGNIFICATION) & (error < INVERSE_TOLERANCE)
     found[~is_valid] = np.nan
     return found
 
@@ -88,7 +88,7 @@ def _newton_step(
     u, v = (distorted(found, distortion) - target).T
     step = np.column_stack((d * u - b * v, a * v - b * u)) / (a * d - b * b)[:, None]
     for _ in range(INVERSE_HALVINGS):
-        folded = ~(area_scale(found - step, distortion) > LEAST_MAGNIFICATION)
+        folded = ~(area_scale(found - step, distortion) > MIN_MAGNIFICATION)
         if not folded.any():
             break
         step[folded] /= 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from oaisys_core.geometry.distortion import LEAST_MAGNIFICATION
+from oaisys_core.geometry.distortion import MIN_MAGNIFICATION
 from oaisys_core.types import FloatArray
 
 TABLE_ANGLES = 4097
@@ -53,7 +53,7 @@ def fisheye_angle_rad(radius: ArrayLike, distortion: tuple[float, ...]) -> Float
 def visible_angles_rad(distortion: tuple[float, ...]) -> FloatArray:
     """Return the angles of the table, up to where a lens's radius stops growing."""
     angles = np.linspace(0.0, np.pi, TABLE_ANGLES)
-    folds = np.flatnonzero(fisheye_slope(angles, distortion) < LEAST_MAGNIFICATION)
+    folds = np.flatnonzero(fisheye_slope(angles, distortion) < MIN_MAGNIFICATION)
     return angles[: folds[0]] if len(folds) else angles
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import ConfigError, quoted
-from oaisys_core.files.documents import MOST_ROW_BYTES, read_text
+from oaisys_core.files.documents import MAX_ROW_BYTES, read_text
 from oaisys_core.importing.context import ImportContext
 from oaisys_core.importing.document import Json, entries, part, span
 from oaisys_core.importing.frames import (
@@ -17,7 +17,7 @@ from oaisys_core.importing.frames import (
     mount,
     rig_pose,
 )
-from oaisys_core.output.poses import MOST_POSES, append_pose
+from oaisys_core.output.poses import MAX_POSES, append_pose
 
 NO_PASSES: dict[str, list[int]] = {"RGBDPass": [1], "SemanticPass": [1, 1], "InstancePass": [1]}
 DOWN_YAW_DEG = -90.0
@@ -198,7 +198,7 @@ def _turn_poses(source: Path, target: Path) -> None:
     """Convert the poses of an original file (frame, x, y, z, qw, qx, qy, qz) to our convention."""
     target.unlink(missing_ok=True)
     try:
-        text = read_text(source, MOST_POSES * MOST_ROW_BYTES)
+        text = read_text(source, MAX_POSES * MAX_ROW_BYTES)
     except (OSError, ValueError) as error:
         raise ConfigError(f"{source}: cannot be read: {error}") from error
     for line, row in enumerate(csv.reader(text.splitlines()), start=1):

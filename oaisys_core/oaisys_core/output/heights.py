@@ -21,7 +21,7 @@ SUFFIXES = (".tif", ".tiff", ".npz")
 BANDS = ("ground", "surface")
 FRAME = "map"
 
-MOST_GRID_BYTES = 2_000_000_000
+MAX_GRID_BYTES = 2_000_000_000
 """Size of the arrays in a file."""
 
 
@@ -50,7 +50,7 @@ def write_heights(path: Path, grid: HeightGrid) -> None:
 def read_heights(path: Path) -> HeightGrid:
     """Return the grid in a file that `write_heights` wrote."""
     if path.suffix == ".npz":
-        found = load_arrays(path, MOST_GRID_BYTES)
+        found = load_arrays(path, MAX_GRID_BYTES)
         x, y = (float(value) for value in found["origin_xy_m"])
         spacing_m = float(found["spacing_m"])
         return HeightGrid(found["ground_m"], found["surface_m"], (x, y), spacing_m)

@@ -34,7 +34,7 @@ from oaisys_core.types import (
     semantic_level,
 )
 
-MOST_IN_PNG = 65535
+MAX_IN_PNG = 65535
 
 NAMES = {DEPTH: "pinhole_depth", RANGE: "euclidean_depth", INSTANCE: "instance_label"}
 """File names that differ from the modality's name, as in the original simulator."""
@@ -52,7 +52,7 @@ def file_kind(data: NDArray[Any]) -> str:
     """Return the suffix of the file for an array of pixels."""
     if data.dtype.kind == "f":
         return ".exr"
-    return ".tif" if data.dtype.itemsize > 2 and data.max(initial=0) > MOST_IN_PNG else ".png"
+    return ".tif" if data.dtype.itemsize > 2 and data.max(initial=0) > MAX_IN_PNG else ".png"
 
 
 def file_suffix(frame: Frame) -> str:

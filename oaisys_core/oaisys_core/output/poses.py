@@ -15,7 +15,7 @@ from oaisys_core.types import Pose
 POSE_COLUMNS = ("sample_id", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
-MOST_POSES = 200_000
+MAX_POSES = 200_000
 """Rows of a file of poses, waypoints or a trajectory."""
 
 
@@ -47,7 +47,7 @@ def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
         InvalidInputError: The file cannot be read or a row is not a pose; names line and value.
     """
     try:
-        rows = read_csv(path, MOST_POSES, columns)
+        rows = read_csv(path, MAX_POSES, columns)
     except (OSError, ValueError) as error:
         raise InvalidInputError("poses", str(path), f"a readable CSV file ({error})") from error
     poses = []

@@ -27,10 +27,10 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.names import NAME_EXPECTED, is_name
 from oaisys_core.types import EQUIDISTANT, PLUMB_BOB
 
-MOST_BYTES = 1 << 50
-MOST_SIDE_PX = 65536
-MOST_SECONDS = 1e10
-MOST_METRES = 1e10
+MAX_BYTES = 1 << 50
+MAX_SIDE_PX = 65536
+MAX_SECONDS = 1e10
+MAX_METRES = 1e10
 
 _CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -72,16 +72,16 @@ SplitName = Annotated[str, Strict(), Field(max_length=64), AfterValidator(_split
 Sha256 = Annotated[str, Strict(), Field(pattern=r"^[0-9a-f]{64}$")]
 Seed = Annotated[int, Strict(), Field(ge=0, lt=2**64)]
 Number = Annotated[int, Strict(), Field(ge=0, lt=2**63)]
-Place = Annotated[int, Strict(), Field(ge=0, lt=1_000_000)]
+Ordinal = Annotated[int, Strict(), Field(ge=0, lt=1_000_000)]
 """Of a world in a data set, or of a view in a world."""
 
 Count = Annotated[int, Strict(), Field(ge=0, le=1_000_000)]
-Bytes = Annotated[int, Strict(), Field(ge=0, le=MOST_BYTES)]
-Side = Annotated[int, Strict(), Field(ge=1, le=MOST_SIDE_PX)]
+Bytes = Annotated[int, Strict(), Field(ge=0, le=MAX_BYTES)]
+Side = Annotated[int, Strict(), Field(ge=1, le=MAX_SIDE_PX)]
 Shape = Annotated[tuple[Side, ...], Field(min_length=2, max_length=3)]
 Real = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Bounded = Annotated[float, Strict(), Field(ge=-MOST_METRES, le=MOST_METRES, allow_inf_nan=False)]
-Seconds = Annotated[float, Strict(), Field(ge=0, le=MOST_SECONDS, allow_inf_nan=False)]
+Bounded = Annotated[float, Strict(), Field(ge=-MAX_METRES, le=MAX_METRES, allow_inf_nan=False)]
+Seconds = Annotated[float, Strict(), Field(ge=0, le=MAX_SECONDS, allow_inf_nan=False)]
 Share = Annotated[float, Strict(), Field(gt=0, le=1, allow_inf_nan=False)]
 Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
 LabelId = Annotated[int, Field(ge=0, lt=2**16)]

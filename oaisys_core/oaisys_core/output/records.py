@@ -16,7 +16,7 @@ from oaisys_core.output.files import write_text
 from oaisys_core.scene.rig_motion import RigMotion
 from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sample
 
-MOST_RECORD_BYTES = 64_000_000
+MAX_RECORD_BYTES = 64_000_000
 """Size of a sample's or an export's record."""
 
 
@@ -123,6 +123,6 @@ def read_json(path: Path) -> Any:
         InvalidInputError: It cannot be read.
     """
     try:
-        return parse_json(read_text(path, MOST_RECORD_BYTES))
+        return parse_json(read_text(path, MAX_RECORD_BYTES))
     except (OSError, ValueError) as error:
         raise InvalidInputError("file", str(path), f"a readable JSON file ({error})") from error

@@ -20,10 +20,10 @@ from oaisys_core.procedural.terrain.noise import spectral
 from oaisys_core.scene import Ground, MeshPrototype, Placement, Scene, WheelTracks
 from oaisys_core.types import FloatArray
 
-TEXEL_M, MOST_PX = 0.025, 2048
+TEXEL_M, MAX_PX = 0.025, 2048
 """Wanted size of a texel, and largest edge of a map."""
 
-LEAST_TEXELS = 2.5
+MIN_TEXELS = 2.5
 """Size of the smallest things on the map."""
 
 RIMS = ((1.0, 40), (0.72, 85), (0.48, 130), (0.28, 175), (0.12, 220), (0.0, 255))
@@ -41,7 +41,7 @@ UPHILL = 1.2
 SECTORS, LEVELS = 20, 8
 """Corners of an outline, and heights of a mesh that have one."""
 
-MOST_TRACKS, TRACK_STEP_M, MOST_STEPS = 3, 0.1, 20_000
+MAX_TRACKS, TRACK_STEP_M, MAX_STEPS = 3, 0.1, 20_000
 """Rovers whose tracks are shown, and distance and number of the steps in which they are drawn."""
 
 _SECTOR_RAD = (np.arange(SECTORS) + 0.5) * (2 * np.pi / SECTORS)
@@ -94,14 +94,14 @@ def contact_map(scene: Scene) -> ContactMap | None:
     ground = stage_ground(scene)
     x0, y0, x1, y1 = ground.extent_m
     edge_m = max(x1 - x0, y1 - y0)
-    size_px = int(np.clip(2 ** np.ceil(np.log2(edge_m / TEXEL_M)), NOISE_PX, MOST_PX))
-    least_m = LEAST_TEXELS * edge_m / size_px
+    size_px = int(np.clip(2 ** np.ceil(np.log2(edge_m / TEXEL_M)), NOISE_PX, MAX_PX))
+    least_m = MIN_TEXELS * edge_m / size_px
     placed = [(scene.prototypes[p.prototype], p) for p in scene.placements]
     outlines = [
-        _outlines(foot, placement.T_map_object, ground, least_m)
+        _outlines(part, placement.T_map_object, ground, least_m)
         for prototype, placement in placed
         if has_rim(prototype, placement)
-        for foot in _feet(prototype)
+        for part in _contact_parts(prototype)
     ]
     if not (sum(len(each.centre_m) for each in outlines) or scene.tracks):
         return None
@@ -117,7 +117,7 @@ def contact_map(scene: Scene) -> ContactMap | None:
         for each in outlines:
             for polygon in pixels(each.widened_m(width)):
                 cv2.fillPoly(share, [polygon], value, cv2.LINE_8, FIXED_POINT_BITS)
-    drawn = [np.zeros_like(share) for _ in range(MOST_TRACKS if scene.tracks else 0)]
+    drawn = [np.zeros_like(share) for _ in range(MAX_TRACKS if scene.tracks else 0)]
     for canvas, track in zip(drawn, scene.tracks, strict=False):
         quads_m, values = _track_quads(track)
         for polygon, value in zip(pixels(quads_m), values, strict=True):
@@ -129,7 +129,7 @@ def contact_map(scene: Scene) -> ContactMap | None:
 def _track_quads(track: WheelTracks) -> tuple[FloatArray, FloatArray]:
     """Return (Q, 4, 2) quads in ``map`` of which tracks consist, and their values, last first."""
     ends_m = distances_along_m(track.way_m)
-    count = int(np.clip(ends_m[-1] / TRACK_STEP_M, 2, MOST_STEPS))
+    count = int(np.clip(ends_m[-1] / TRACK_STEP_M, 2, MAX_STEPS))
     at_m = np.linspace(0, ends_m[-1], count)
     way_m = np.column_stack([np.interp(at_m, ends_m, axis) for axis in track.way_m.T])
     ahead = np.gradient(way_m, axis=0)
@@ -180,7 +180,7 @@ class Outlines(NamedTuple):
         return np.asarray(middle_m[:, None] + factor * self.corners_m)
 
 
-class Foot(NamedTuple):
+class ContactPart(NamedTuple):
     """A part of a mesh that stands in the ground.
 
     Attributes:
@@ -196,17 +196,19 @@ class Foot(NamedTuple):
     outlines_m: FloatArray
 
 
-def _outlines(foot: Foot, T_map_object: FloatArray, ground: Ground, least_m: float) -> Outlines:
-    """Return the outlines of a foot of (N, 4, 4) instances, where it is large enough."""
+def _outlines(
+    part: ContactPart, T_map_object: FloatArray, ground: Ground, least_m: float
+) -> Outlines:
+    """Return the outlines of a part of (N, 4, 4) instances, where it is large enough."""
     scale = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
-    is_large = scale * foot.size_m >= least_m
+    is_large = scale * part.size_m >= least_m
     T, scale = T_map_object[is_large], scale[is_large]
-    size_m = scale * foot.size_m
-    origin_m = T[:, :3, :3] @ foot.centre_m + T[:, :3, 3]
+    size_m = scale * part.size_m
+    origin_m = T[:, :3, :3] @ part.centre_m + T[:, :3, 3]
     centre_m = origin_m[:, :2]
     slope, height_m = ground_plane(ground, centre_m, size_m / 2)
-    level = (height_m - origin_m[:, 2]) / scale / max(foot.top_m, 1e-6) * (LEVELS - 1)
-    corners = foot.outlines_m[np.clip(np.round(level), 0, LEVELS - 1).astype(np.intp)]
+    level = (height_m - origin_m[:, 2]) / scale / max(part.top_m, 1e-6) * (LEVELS - 1)
+    corners = part.outlines_m[np.clip(np.round(level), 0, LEVELS - 1).astype(np.intp)]
     corners_m = np.einsum("nij,nkj->nki", T[:, :2, :3], corners)
     # More fines lie on one side, and around some things.
     phase, amount = np.modf(np.abs(centre_m @ ((127.1, 269.5), (311.7, 183.3))))[0].T
@@ -230,11 +232,11 @@ def ground_plane(
     return np.nan_to_num(slope), np.nan_to_num(middle_m)
 
 
-def _feet(prototype: MeshPrototype) -> list[Foot]:
+def _contact_parts(prototype: MeshPrototype) -> list[ContactPart]:
     """Return where a mesh may meet the ground: a rock all around, a vehicle with its wheels."""
     vertices_m = prototype.vertices_m.astype(np.float64)
     if prototype.vertex_colors_srgb is None:
-        return [_foot(vertices_m, np.zeros(3))]
+        return [_contact_part(vertices_m, np.zeros(3))]
     low = vertices_m[vertices_m[:, 2] <= FOOT * vertices_m[:, 2].max()]
     low = np.unique(np.round(low / FOOT_STEP_M), axis=0) * FOOT_STEP_M
     tree = cKDTree(low[:, :2])
@@ -244,15 +246,15 @@ def _feet(prototype: MeshPrototype) -> list[Foot]:
     for index in range(count):
         part = low[foot_of == index]
         centre_m = np.append((part[:, :2].min(axis=0) + part[:, :2].max(axis=0)) / 2, 0.0)
-        feet.append(_foot(part - centre_m, centre_m))
+        feet.append(_contact_part(part - centre_m, centre_m))
     return feet
 
 
-def _foot(vertices_m: FloatArray, centre_m: FloatArray) -> Foot:
-    """Return the foot of (V, 3) vertices relative to its centre."""
+def _contact_part(vertices_m: FloatArray, centre_m: FloatArray) -> ContactPart:
+    """Return the contact part of (V, 3) vertices relative to its centre."""
     top_m = vertices_m[:, 2].max()
     size_m = float(np.ptp(vertices_m, axis=0).max())
-    return Foot(centre_m, size_m, float(top_m), _profile(vertices_m))
+    return ContactPart(centre_m, size_m, float(top_m), _profile(vertices_m))
 
 
 def _profile(vertices_m: FloatArray) -> FloatArray:

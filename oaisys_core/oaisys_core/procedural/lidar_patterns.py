@@ -40,7 +40,7 @@ from oaisys_core.scene import ScanPattern
 from oaisys_core.types import FloatArray
 
 CSV_COLUMNS = ("azimuth_deg", "elevation_deg", "time_s")
-MOST_RING = 65535
+MAX_RING = 65535
 
 
 def scan_pattern(config: LidarConfig, number: int) -> ScanPattern:
@@ -112,7 +112,7 @@ def raster(scan: RasterScanConfig, period_s: float) -> ScanPattern:
     return ScanPattern(
         directions=directions_of(azimuth.ravel(), elevation.ravel()),
         times_s=np.arange(count) / count * period_s,
-        rings=np.minimum(rings, MOST_RING).astype(np.uint16),
+        rings=np.minimum(rings, MAX_RING).astype(np.uint16),
     )
 
 
@@ -145,6 +145,6 @@ def _read(path: Path) -> tuple[FloatArray, FloatArray, NDArray[np.uint16]]:
         raise ConfigError(f"{path}: {len(values)} rays, expected 1 to {MAX_RAYS}")
     if not np.isfinite(values).all() or values[:, 2].min() < 0:
         raise ConfigError(f"{path}: expected finite angles, and times from 0 on")
-    if rings.min() < 0 or rings.max() > MOST_RING:
-        raise ConfigError(f"{path}: expected rings from 0 to {MOST_RING}")
+    if rings.min() < 0 or rings.max() > MAX_RING:
+        raise ConfigError(f"{path}: expected rings from 0 to {MAX_RING}")
     return values[:, :2], values[:, 2], rings.astype(np.uint16)

@@ -17,7 +17,7 @@ HeightLookup = Callable[[FloatArray], HeightQuery]
 """Returns the heights below (N, 3) points in ``map``."""
 
 
-MOST_EXTENTS = 1000.0
+MAX_EXTENTS = 1000.0
 """Largest distance of a rig from the stage's centre along an axis, in edge lengths of the stage;
 further away, numbers are too coarse."""
 
@@ -45,7 +45,7 @@ def admitted_pose(
 
     Raises:
         InvalidInputError: The policy refuses the pose; or, with any policy, it is further than
-            `MOST_EXTENTS` from the stage's centre.
+            `MAX_EXTENTS` from the stage's centre.
     """
     _check_reach(pose, extent_m)
     if policy == "allow":
@@ -81,12 +81,12 @@ def _shift_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
 
 def _check_reach(pose: Pose, extent_m: Extent) -> None:
     low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
-    reach_m = MOST_EXTENTS * float((high - low).max())
+    reach_m = MAX_EXTENTS * float((high - low).max())
     from_centre_m = np.abs(np.subtract(pose.position_m, (*(low + high) / 2, 0.0)))
     if not (from_centre_m <= reach_m).all():
         expected = (
             f"at most {reach_m:g} m from the stage's centre along each axis "
-            f"({MOST_EXTENTS:g} edge lengths of the stage)"
+            f"({MAX_EXTENTS:g} edge lengths of the stage)"
         )
         raise InvalidInputError("pose.position", list(pose.position_m), expected)
 

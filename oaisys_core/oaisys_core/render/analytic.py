@@ -19,7 +19,7 @@ from oaisys_core.render.shading.shading import Palette, shaded
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.exposure import metered_ev
-from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     ALBEDO,
@@ -104,9 +104,9 @@ class AnalyticBackend(Backend):
                 yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
 
-    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+    def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
         """See `Backend.scan`."""
-        return self._lidars.scan(self._built()[0], lidar, shot)
+        return self._lidars.scan(self._built()[0], lidar, capture)
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""

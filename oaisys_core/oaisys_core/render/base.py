@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
-from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     FloatArray,
@@ -129,12 +129,12 @@ class Backend(ABC):
             CancelledError: ``progress`` raised it.
         """
 
-    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+    def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
         """Return what a lidar measures of the built world.
 
         Args:
             lidar: The lidar.
-            shot: Identifies the scan, for its errors.
+            capture: Identifies the scan, for its errors.
 
         Raises:
             RenderError: The backend has no lidars.

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.scene import LidarErrors, PlacedLidar
-from oaisys_core.sensing.faults import Shot, generator
+from oaisys_core.sensing.faults import CaptureId, generator
 from oaisys_core.types import FloatArray, LidarScan, point_dtype
 
 FULL_INTENSITY = 255.0
@@ -89,20 +89,20 @@ class LidarCaster:
         """Drop the world."""
         self._reflectance = None
 
-    def scan(self, surface: Surface, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+    def scan(self, surface: Surface, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
         """Return what a lidar measures.
 
         Args:
             surface: What there is.
             lidar: The lidar.
-            shot: Identifies the scan, for its errors.
+            capture: Identifies the scan, for its errors.
         """
         reflectance = self._reflectance_of(surface)
         if lidar.beam_divergence_rad > 0:
             returns, hits = _beam_returns(surface, reflectance, lidar)
         else:
             returns, hits = _ray_returns(surface, reflectance, lidar)
-        returns = measured_returns(returns, lidar, shot)
+        returns = measured_returns(returns, lidar, capture)
         points = _points(returns, lidar)
         view = hits.view.rows(returns.hits)
         if "instance" in lidar.extra_fields:
@@ -137,24 +137,26 @@ def rays_in_map(lidar: PlacedLidar, directions: FloatArray) -> tuple[FloatArray,
     return poses[:, :3, 3], np.einsum("nij,nj->ni", poses[:, :3, :3], directions)
 
 
-def measured_returns(returns: Returns, lidar: PlacedLidar, shot: Shot) -> Returns:
+def measured_returns(returns: Returns, lidar: PlacedLidar, capture: CaptureId) -> Returns:
     """Return what a lidar measures of true returns: with its errors, within its range."""
     errors = lidar.errors
     if errors.drop_from_rad is not None:
-        returns = returns.of(~_is_lost(returns.cos_incidence, errors, shot))
+        returns = returns.of(~_is_lost(returns.cos_incidence, errors, capture))
     if errors.range_sigma_m > 0:
-        rng = generator(errors.seed, "lidar range", *shot)
+        rng = generator(errors.seed, "lidar range", *capture)
         error_m = errors.range_sigma_m * rng.standard_normal(len(returns.rays))
         returns = returns._replace(range_m=returns.range_m + error_m)
     inside = (returns.range_m >= lidar.min_range_m) & (returns.range_m <= lidar.max_range_m)
     return returns.of(inside)
 
 
-def _is_lost(cos_incidence: FloatArray, errors: LidarErrors, shot: Shot) -> NDArray[np.bool_]:
+def _is_lost(
+    cos_incidence: FloatArray, errors: LidarErrors, capture: CaptureId
+) -> NDArray[np.bool_]:
     start = errors.drop_from_rad or 0.0
     incidence = np.arccos(np.clip(cos_incidence, 0.0, 1.0))
     share = (incidence - start) / (pi / 2 - start)
-    draws = generator(errors.seed, "lidar incidence", *shot).random(len(share))
+    draws = generator(errors.seed, "lidar incidence", *capture).random(len(share))
     return np.asarray(draws < share)
 
 

@@ -11,7 +11,7 @@ from oaisys_core.errors import RenderError
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.view_cache import RenderedView, ViewCache
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
-from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, measured_frame
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     DEPTH,
@@ -116,16 +116,18 @@ class ViewRenderer:
         self, outline: SampleOutline, lidars: Sequence[PlacedLidar]
     ) -> tuple[LidarScan, ...]:
         ids = outline.batch_id, outline.sample_id
-        return tuple(self._backend.scan(lidar, Shot(*ids, lidar.name)) for lidar in lidars)
+        return tuple(self._backend.scan(lidar, CaptureId(*ids, lidar.name)) for lidar in lidars)
 
     def _measured(
         self, frames: tuple[Frame, ...], faults: DepthFaults | None, outline: SampleOutline
     ) -> tuple[Frame, ...]:
         """Return what sensors measure instead of the true frames, placed where frames are kept."""
         if faults is not None:
-            shots = [Shot(outline.batch_id, outline.sample_id, frame.sensor) for frame in frames]
-            measured = zip(frames, shots, strict=True)
-            frames = tuple(measured_frame(frame, faults, shot) for frame, shot in measured)
+            captures = [
+                CaptureId(outline.batch_id, outline.sample_id, frame.sensor) for frame in frames
+            ]
+            measured = zip(frames, captures, strict=True)
+            frames = tuple(measured_frame(frame, faults, capture) for frame, capture in measured)
         return self._place_frames(frames)
 
     def _rendered_view(

@@ -16,7 +16,7 @@ from oaisys_core.types import FloatArray, ShortRepr
 TIME_TOLERANCE_S = 1e-6
 """Times that lie outside of a motion by at most this are moved to its end."""
 
-MOST_PIECES = 100_000
+MAX_PIECES = 100_000
 """Largest number of pieces that a record may have."""
 
 
@@ -108,7 +108,7 @@ class RigMotion(ShortRepr):
             count = len(arrays["quats_xyzw"])
             shapes = {"knots_s": (count + 1,), "quats_xyzw": (count, 4)}
             ordered = bool((np.diff(arrays["knots_s"]) > 0).all())
-            fits = 0 < count <= MOST_PIECES and not data and ordered
+            fits = 0 < count <= MAX_PIECES and not data and ordered
             for name, array in arrays.items():
                 fits = fits and array.shape == shapes.get(name, (4, count, 3))
         except (AttributeError, KeyError, TypeError, ValueError) as error:

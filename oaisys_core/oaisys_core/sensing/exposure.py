@@ -37,7 +37,7 @@ mean is taken again for that."""
 DARKEST_SKY_EV, DARKEST_GROUND_EV = -4.0, -12.0
 """Least that sky and ground count for, in stops beside each other: a black sky says nothing."""
 
-MOST_DARKENING_EV = 2.0
+MAX_DARKENING_EV = 2.0
 """Stops by which bright parts may darken a picture."""
 
 DIGITS = 3
@@ -82,7 +82,7 @@ def metered_ev(
     exposure_ev = log2(meter.target / mean)
     bright = float(np.quantile(_of_cells(luminance), 1.0 - meter.bright_share))
     if bright > 0.0:
-        highest_ev = max(log2(white / bright), exposure_ev - MOST_DARKENING_EV)
+        highest_ev = max(log2(white / bright), exposure_ev - MAX_DARKENING_EV)
         exposure_ev = min(exposure_ev, highest_ev)
     exposure_ev += meter.compensation_ev - base_ev
     return round(min(max(exposure_ev, meter.min_ev), meter.max_ev), DIGITS)

@@ -35,7 +35,7 @@ WALK_CHUNK = 256
 """Number of samples by which a walk is continued at a time."""
 
 
-class Shot(NamedTuple):
+class CaptureId(NamedTuple):
     """Identifies the images of one sensor at one sample."""
 
     batch_id: int
@@ -84,15 +84,15 @@ class DepthFaults:
         )
 
 
-def generator(seed: int, purpose: str, *shot: int | str) -> np.random.Generator:
+def generator(seed: int, purpose: str, *capture: int | str) -> np.random.Generator:
     """Return the random generator of one kind of error in one image."""
-    name = "/".join(map(str, (purpose, *shot))).encode()
+    name = "/".join(map(str, (purpose, *capture))).encode()
     key = int.from_bytes(hashlib.sha256(name).digest()[:16], "big")
     return np.random.default_rng(np.random.SeedSequence([seed, key]))
 
 
 def measured_depth(
-    depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Shot
+    depth_m: DepthImage, fx_px: float, faults: DepthFaults, capture: CaptureId
 ) -> DepthImage:
     """Return the depth image that a faulty sensor measures of a true (H, W) planar depth image.
 
@@ -104,11 +104,11 @@ def measured_depth(
         depth_m: True depth; it is not changed.
         fx_px: Focal length, for the disparities of ``kinect``.
         faults: The errors.
-        shot: Identifies the image.
+        capture: Identifies the image.
     """
     if not faults.active:
         return depth_m
-    measured_m = _with_noise(depth_m, fx_px, faults, shot)
+    measured_m = _with_noise(depth_m, fx_px, faults, capture)
     if measured_m is depth_m:
         measured_m = depth_m.copy()
     if faults.min_depth_m > 0:
@@ -116,12 +116,12 @@ def measured_depth(
     if faults.max_depth_m > 0:
         measured_m[measured_m > faults.max_depth_m] = np.inf
     if faults.missing_ratio > 0:
-        draws = generator(faults.seed, "missing", *shot).random(depth_m.shape, dtype=np.float32)
+        draws = generator(faults.seed, "missing", *capture).random(depth_m.shape, dtype=np.float32)
         measured_m[draws < faults.missing_ratio] = np.nan
     return measured_m
 
 
-def measured_frame(frame: Frame, faults: DepthFaults, shot: Shot) -> Frame:
+def measured_frame(frame: Frame, faults: DepthFaults, capture: CaptureId) -> Frame:
     """Return the frame that a faulty sensor measures instead of the true one.
 
     Depth and range have the same errors; other modalities have none.
@@ -130,19 +130,21 @@ def measured_frame(frame: Frame, faults: DepthFaults, shot: Shot) -> Frame:
         return frame
     fx_px = frame.intrinsics.fx_px
     if frame.modality == DEPTH:
-        return replace(frame, data=measured_depth(frame.data, fx_px, faults, shot))
+        return replace(frame, data=measured_depth(frame.data, fx_px, faults, capture))
     lengths = np.linalg.norm(pixel_rays(frame.intrinsics), axis=-1)
     depth_m = (frame.data / lengths).astype(np.float32)
-    range_m = measured_depth(depth_m, fx_px, faults, shot) * lengths
+    range_m = measured_depth(depth_m, fx_px, faults, capture) * lengths
     return replace(frame, data=range_m.astype(np.float32))
 
 
-def _with_noise(depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Shot) -> DepthImage:
+def _with_noise(
+    depth_m: DepthImage, fx_px: float, faults: DepthFaults, capture: CaptureId
+) -> DepthImage:
     if faults.noise == "none":
         return depth_m
     if faults.noise == "kinect":
-        return _by_structured_light(depth_m, fx_px, faults.seed, shot)
-    rng = generator(faults.seed, "noise", *shot)
+        return _by_structured_light(depth_m, fx_px, faults.seed, capture)
+    rng = generator(faults.seed, "noise", *capture)
     error_m = rng.standard_normal(depth_m.shape, dtype=np.float32)
     if faults.noise == "gaussian":
         error_m *= np.float32(faults.sigma_m)
@@ -153,9 +155,11 @@ def _with_noise(depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Sh
     return _too_near_where_not_positive(error_m)
 
 
-def _by_structured_light(depth_m: DepthImage, fx_px: float, seed: int, shot: Shot) -> DepthImage:
+def _by_structured_light(
+    depth_m: DepthImage, fx_px: float, seed: int, capture: CaptureId
+) -> DepthImage:
     height, width = depth_m.shape
-    lateral = generator(seed, "lateral", *shot)
+    lateral = generator(seed, "lateral", *capture)
     rows, columns = (
         np.rint(lateral.standard_normal(depth_m.shape, np.float32) * KINECT_LATERAL_SIGMA_PX)
         for _ in range(2)
@@ -166,7 +170,7 @@ def _by_structured_light(depth_m: DepthImage, fx_px: float, seed: int, shot: Sho
     beside += np.clip(columns, 0, width - 1).astype(np.intp)
     steps_m = np.float32(KINECT_STEPS_PER_PX * fx_px * KINECT_BASELINE_M)
     seen_m = depth_m.ravel()[beside]
-    disparity = generator(seed, "noise", *shot).standard_normal(depth_m.shape, np.float32)
+    disparity = generator(seed, "noise", *capture).standard_normal(depth_m.shape, np.float32)
     disparity *= np.float32(KINECT_DISPARITY_SIGMA)
     with np.errstate(divide="ignore"):
         disparity += steps_m / seen_m

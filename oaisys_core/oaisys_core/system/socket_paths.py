@@ -12,7 +12,7 @@ from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
 
-MOST_PATH_BYTES = 107
+MAX_PATH_BYTES = 107
 """Longest path of a Unix socket in Linux, which keeps 108 with a 0 at the end."""
 
 
@@ -31,13 +31,13 @@ def socket_parent(below_bytes: int) -> Path:
     for parent in (usual, os.environ.get("XDG_RUNTIME_DIR", ""), "/tmp"):  # noqa: S108
         if parent and fits(parent, below_bytes) and _is_usable(parent):
             return Path(parent)
-    expected = f"a folder of at most {MOST_PATH_BYTES - below_bytes} bytes, for sockets in it"
+    expected = f"a folder of at most {MAX_PATH_BYTES - below_bytes} bytes, for sockets in it"
     raise InvalidInputError("TMPDIR", usual, expected)
 
 
 def fits(folder: str | Path, below_bytes: int = 0) -> bool:
     """Return whether a path is short enough for a socket, ``below_bytes`` below it."""
-    return len(os.fsencode(folder)) + below_bytes <= MOST_PATH_BYTES
+    return len(os.fsencode(folder)) + below_bytes <= MAX_PATH_BYTES
 
 
 def _is_usable(folder: str) -> bool:

@@ -12,10 +12,10 @@ from oaisys_core.trajectory.waypoint_curve import WaypointCurve
 from oaisys_core.types import FloatArray
 
 STEP_M = 0.05
-MOST_STEPS = 200_000
+MAX_STEPS = 200_000
 """Distance between places at which the speed is chosen, and the largest number of them."""
 
-LEAST_HORIZONTAL = 0.05
+MIN_HORIZONTAL = 0.05
 """Where the way's direction has a smaller horizontal part, it does not define a heading."""
 
 SHARE = 0.5**0.5
@@ -50,7 +50,7 @@ def plan_flight(config: DroneConfig, waypoints_m: FloatArray, gravity_m_s2: floa
 
 def _schedule(config: DroneConfig, curve: WaypointCurve) -> tuple[FloatArray, FloatArray]:
     """Return times and arc lengths of the flight."""
-    count = int(np.clip(curve.length_m / STEP_M, 16, MOST_STEPS))
+    count = int(np.clip(curve.length_m / STEP_M, 16, MAX_STEPS))
     even_m = np.linspace(0.0, curve.length_m, count + 1)
     places_m = np.unique(np.append(even_m, curve.waypoint_arc_m))
     # The last waypoint's arc length may differ from the length by rounding.
@@ -79,7 +79,7 @@ def _yaws_rad(config: DroneConfig, curve: WaypointCurve, arc_m: FloatArray) -> F
     if config.heading != "way":
         return np.full(len(arc_m), np.radians(config.heading))
     tangent = curve.tangent(arc_m)
-    is_known = np.hypot(tangent[:, 0], tangent[:, 1]) > LEAST_HORIZONTAL
+    is_known = np.hypot(tangent[:, 0], tangent[:, 1]) > MIN_HORIZONTAL
     if not is_known.any():
         return np.zeros(len(arc_m))
     known = np.unwrap(np.arctan2(tangent[is_known, 1], tangent[is_known, 0]))

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import MOST_ROW_BYTES, read_csv, read_text
+from oaisys_core.files.documents import MAX_ROW_BYTES, read_csv, read_text
 from oaisys_core.geometry import checked_pose
 from oaisys_core.output.files import write_text
-from oaisys_core.output.poses import MOST_POSES, POSE_COLUMNS
+from oaisys_core.output.poses import MAX_POSES, POSE_COLUMNS
 from oaisys_core.trajectory.trajectory import Trajectory
 from oaisys_core.types import FloatArray
 
@@ -61,7 +61,7 @@ def write_poses(path: Path, table: FloatArray) -> None:
 
 
 def _csv_lines(path: Path) -> list[tuple[int, list[str | None]]]:
-    rows = read_csv(path, MOST_POSES)
+    rows = read_csv(path, MAX_POSES)
     return [
         (number, [row.get(column) for column in TRAJECTORY_COLUMNS])
         for number, row in enumerate(rows, start=2)
@@ -70,7 +70,7 @@ def _csv_lines(path: Path) -> list[tuple[int, list[str | None]]]:
 
 def _tum_lines(path: Path) -> list[tuple[int, list[str | None]]]:
     lines: list[tuple[int, list[str | None]]] = []
-    text = read_text(path, MOST_POSES * MOST_ROW_BYTES)
+    text = read_text(path, MAX_POSES * MAX_ROW_BYTES)
     for number, line in enumerate(text.splitlines(), start=1):
         texts = line.partition("#")[0].replace(",", " ").split()
         if texts:

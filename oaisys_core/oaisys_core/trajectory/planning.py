@@ -20,7 +20,7 @@ from oaisys_core.config.sections.drive import (
 )
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_csv
-from oaisys_core.output.poses import MOST_POSES
+from oaisys_core.output.poses import MAX_POSES
 from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.files import read_trajectory
@@ -146,7 +146,7 @@ def read_waypoints(path: Path) -> FloatArray:
         InvalidInputError: The file cannot be read, or a row has no numbers; names line and value.
     """
     try:
-        rows = read_csv(path, MOST_POSES)
+        rows = read_csv(path, MAX_POSES)
     except (OSError, ValueError) as error:
         expected = f"a readable CSV file ({error})"
         raise InvalidInputError("drive.waypoints_file", str(path), expected) from error

@@ -16,7 +16,7 @@ from oaisys_core.trajectory.waypoint_curve import WaypointCurve
 from oaisys_core.types import FloatArray
 
 STEP_M = 0.05
-MOST_STEPS = 100_000
+MAX_STEPS = 100_000
 """Distance between places at which the rover's attitude is found, and their largest number."""
 
 WHEEL_POINTS = 21
@@ -32,7 +32,7 @@ FOOTPRINT_STEP_M = 0.1
 BEND_POINTS = 16
 """Points between two places at which the curvature of the way is evaluated."""
 
-LEAST_RADIUS_M = 0.02
+MIN_RADIUS_M = 0.02
 """A way with a tighter curve is refused: the rover does not turn on the spot."""
 
 QUERY_POINTS = 500_000
@@ -119,7 +119,7 @@ def plan_rover_drive(
             ``on_obstacle`` is ``refuse``, or it is blocked where it begins.
     """
     curve = WaypointCurve(waypoints_m)
-    count = int(np.clip(curve.length_m / STEP_M, 32, MOST_STEPS))
+    count = int(np.clip(curve.length_m / STEP_M, 32, MAX_STEPS))
     arc_m = np.linspace(0.0, curve.length_m, count + 1)
     bends = _bends(curve, arc_m)
     places = _on_wheels(config, curve, arc_m, heights)
@@ -137,7 +137,7 @@ def _bends(curve: WaypointCurve, arc_m: FloatArray) -> FloatArray:
     """Return the (N,) largest curvature between each place and its neighbours, 1/m.
 
     Raises:
-        InvalidInputError: A curve is tighter than `LEAST_RADIUS_M`.
+        InvalidInputError: A curve is tighter than `MIN_RADIUS_M`.
     """
     step_m = float(arc_m[1])
     inside_m = arc_m[:-1, None] + step_m * (np.arange(BEND_POINTS) + 0.5) / BEND_POINTS
@@ -147,9 +147,9 @@ def _bends(curve: WaypointCurve, arc_m: FloatArray) -> FloatArray:
     turned = np.append(0.0, turns) * BEND_POINTS / step_m
     bends = np.maximum(turned, curve.curvature(inside_m.ravel())).reshape(inside_m.shape)
     tightest = bends.max(axis=1)
-    if not tightest.max() <= 1 / LEAST_RADIUS_M:
+    if not tightest.max() <= 1 / MIN_RADIUS_M:
         x, y = curve.position_m(inside_m[np.argmax(tightest)])[0].tolist()
-        expected = f"a way whose curves have radii of at least {LEAST_RADIUS_M:g} m"
+        expected = f"a way whose curves have radii of at least {MIN_RADIUS_M:g} m"
         raise InvalidInputError("drive.waypoints_m", (round(x, 3), round(y, 3)), expected)
     return np.maximum(np.append(tightest, tightest[-1]), np.append(tightest[0], tightest))
 

@@ -13,7 +13,7 @@ from oaisys_core.types import FloatArray
 POINTS_PER_PIECE = 64
 """Points between two waypoints at which the arc length is tabulated."""
 
-LEAST_SPEED = 1e-6
+MIN_SPEED = 1e-6
 """Arc length per unit of the spline's parameter, which is about 1, below which it stands still."""
 
 
@@ -41,7 +41,7 @@ class WaypointCurve:
         at = np.append(np.concatenate(pieces), knots[-1])
         arc_m = np.append(0.0, np.cumsum(self._lengths_m(at)))
         speeds = self._speed(at)
-        if not speeds.min() > LEAST_SPEED:
+        if not speeds.min() > MIN_SPEED:
             place = tuple(self._curve(at[np.argmin(speeds)]).round(3).tolist())
             expected = "a way that does not reverse on the spot"
             raise InvalidInputError("drive.waypoints_m", place, expected)

@@ -17,7 +17,7 @@ from oaisys_core.types import FloatArray
 NO_TRIANGLE = -1
 """Triangle index of a ray that hits nothing."""
 
-MOST_PAIRS = 1_000_000
+MAX_PAIRS = 1_000_000
 """Number of ray-triangle pairs that are tested at once."""
 
 SLACK = 1e-9
@@ -52,7 +52,7 @@ class NumpyCaster:
         candidates = np.flatnonzero(_overlap(self._box, (*low, *high)))
         depth_m = np.full(len(flat), np.inf)
         found = np.full(len(flat), NO_TRIANGLE, np.int64)
-        step = max(1, MOST_PAIRS // len(flat))
+        step = max(1, MAX_PAIRS // len(flat))
         for first in range(0, len(candidates), step):
             some = candidates[first : first + step]
             x, y = flat[:, 0, None], flat[:, 1, None]

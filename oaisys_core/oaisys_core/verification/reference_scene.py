@@ -27,7 +27,7 @@ GROUND_OR_SKY = 0
 Window = tuple[slice, slice]
 """Rows and columns of an image."""
 
-MOST_COLUMNS = 32_000
+MAX_COLUMNS = 32_000
 """OpenCV addresses the pixels of its destination with 16 bits."""
 
 
@@ -173,8 +173,8 @@ def _remapped(mask: NDArray[np.float32], texels: FloatArray) -> NDArray[np.float
 
 
 def _blocks(place: NDArray[np.float32]) -> Iterable[tuple[NDArray[Any], NDArray[Any]]]:
-    for first in range(0, len(place), MOST_COLUMNS):
-        x, y = place[first : first + MOST_COLUMNS].T
+    for first in range(0, len(place), MAX_COLUMNS):
+        x, y = place[first : first + MAX_COLUMNS].T
         yield x[None].copy(), y[None].copy()
 
 

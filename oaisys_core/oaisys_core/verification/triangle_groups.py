@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
 
-MOST_TRIANGLES = 2048
+MAX_TRIANGLES = 2048
 """Of a group; the ground's mesh is cut into many."""
 
 TRIANGLES_AT_ONCE = 1_000_000
@@ -30,7 +30,7 @@ class TriangleGroups:
     ) -> None:
         """Take (V, 3) vertices in ``map``, (T, 3) triangles, and (T,) ids."""
         changes = np.flatnonzero(np.diff(ids)) + 1
-        regular = np.arange(0, len(triangles), MOST_TRIANGLES)
+        regular = np.arange(0, len(triangles), MAX_TRIANGLES)
         self._starts = np.union1d(regular, changes)
         self._ends = np.append(self._starts[1:], len(triangles))
         self._low_m = np.empty((len(self._starts), 3))

@@ -10,7 +10,7 @@ import numpy as np
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress, ProgressCallback
 
-MOST_CELLS = 4096 * 4096
+MAX_CELLS = 4096 * 4096
 """Largest number of cells of a grid: 128 MiB of heights."""
 
 BLOCK_CELLS = 1 << 18
@@ -25,7 +25,7 @@ def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
 
     Raises:
         InvalidInputError: The resolution or the extent is invalid, or the grid would have more than
-            `MOST_CELLS` cells.
+            `MAX_CELLS` cells.
     """
     if not (isfinite(resolution_m) and resolution_m > 0):
         raise InvalidInputError("resolution_m", resolution_m, "a positive number of metres")
@@ -34,9 +34,9 @@ def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
         raise InvalidInputError("extent_m", extent_m, "finite min_x, min_y < max_x, max_y")
     # Compare before rounding: the quotients may be too large for integers.
     columns, rows = ((high - low) / resolution_m for low, high in ((x0, x1), (y0, y1)))
-    if not columns * rows <= MOST_CELLS or max(columns, rows) > MOST_CELLS:
-        least_m = ((x1 - x0) * (y1 - y0) / MOST_CELLS) ** 0.5
-        expected = f"at most {MOST_CELLS} cells: about {least_m:.3g} m or more for this extent"
+    if not columns * rows <= MAX_CELLS or max(columns, rows) > MAX_CELLS:
+        least_m = ((x1 - x0) * (y1 - y0) / MAX_CELLS) ** 0.5
+        expected = f"at most {MAX_CELLS} cells: about {least_m:.3g} m or more for this extent"
         raise InvalidInputError("resolution_m", resolution_m, expected)
     return max(1, ceil(rows - 1e-6)), max(1, ceil(columns - 1e-6))
 

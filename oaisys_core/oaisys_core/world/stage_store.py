@@ -27,7 +27,7 @@ from oaisys_core.system.leftovers import removed_when_killed
 
 FORMAT = 1
 
-MOST_STAGE_BYTES = 4_000_000_000
+MAX_STAGE_BYTES = 4_000_000_000
 """Size of the arrays in a file."""
 SUFFIX = ".npz"
 
@@ -104,7 +104,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
     """
     expected = "a stage that stage.store wrote"
     try:
-        found = load_arrays(path, MOST_STAGE_BYTES)
+        found = load_arrays(path, MAX_STAGE_BYTES)
         data = parse_json(str(found["record"]))
         if data["format"] != FORMAT:
             raise InvalidInputError(field, data["format"], f"a stage of format {FORMAT}")

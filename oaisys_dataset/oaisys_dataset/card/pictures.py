@@ -24,7 +24,7 @@ UNLABELLED = (32, 32, 32)
 SHOWN = (RGB, ALBEDO, DEPTH, SEMANTIC_0, INSTANCE, NORMAL)
 """Modalities in the order in which they are shown below each other."""
 
-MOST_ROWS = 3
+MAX_ROWS = 3
 
 
 def label_color(label_id: int) -> tuple[int, int, int]:
@@ -56,7 +56,7 @@ def sheet(samples: Sequence[DatasetSample]) -> bytes:
 def _tile(sample: DatasetSample) -> NDArray[np.uint8]:
     import cv2
 
-    shown = [name for name in SHOWN if name in sample.arrays][:MOST_ROWS]
+    shown = [name for name in SHOWN if name in sample.arrays][:MAX_ROWS]
     pictures = []
     for name in shown:
         picture = _picture(name, sample.arrays[name])

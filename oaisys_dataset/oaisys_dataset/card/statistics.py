@@ -16,7 +16,7 @@ from oaisys_dataset.formats.base import label_names
 if TYPE_CHECKING:
     from oaisys_dataset.reader import Dataset, DatasetSample
 
-MOST_SAMPLED = 400
+MAX_SAMPLED = 400
 """Frames whose pixels are read; of a larger data set, this many at equal distances."""
 
 DEPTH_EDGES_M: FloatArray = np.geomspace(0.1, 10_000.0, 41)
@@ -108,7 +108,7 @@ def statistics_of(dataset: Dataset) -> DatasetStatistics:
         for thing in dataset.legend(world).instances.values()
     )
     pixels = _PixelCounts()
-    chosen = sampled_indices(len(dataset), MOST_SAMPLED)
+    chosen = sampled_indices(len(dataset), MAX_SAMPLED)
     for index in chosen:
         record = dataset.records[index]
         pixels.add(dataset.sample(record, [m for m in (DEPTH, INSTANCE) if m in record.images]))

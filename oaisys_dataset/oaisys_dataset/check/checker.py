@@ -14,7 +14,7 @@ from oaisys_core.config import config_from_mapping, config_sha256
 from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_core.verification.audit import sum_results
 from oaisys_dataset.check.manifests import DueViews, due_views
-from oaisys_dataset.check.report import MOST_FINDINGS, CheckReport, Finding, ShardResult
+from oaisys_dataset.check.report import MAX_FINDINGS, CheckReport, Finding, ShardResult
 from oaisys_dataset.check.shard import check_shard
 from oaisys_dataset.check.truth import TruthCheck, TruthResult
 from oaisys_dataset.manifest import DatasetInfo
@@ -199,7 +199,7 @@ class _Summary:
     def _found(self, findings: Iterable[Finding]) -> None:
         for finding in findings:
             self._findings_total += 1
-            if len(self._findings) < MOST_FINDINGS:
+            if len(self._findings) < MAX_FINDINGS:
                 self._findings.append(finding)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from oaisys_core.verification.audit import AuditResult
 
-MOST_FINDINGS = 1000
+MAX_FINDINGS = 1000
 """Findings that a report names; the others are only counted."""
 
 
@@ -71,7 +71,7 @@ class CheckReport:
         scan_points: Random points of lidar scans that were compared likewise.
         audited: Compared pixels by sensor and modality.
         notes: What could not be judged.
-        findings: The first `MOST_FINDINGS` findings.
+        findings: The first `MAX_FINDINGS` findings.
         findings_total: Number of findings.
     """
 

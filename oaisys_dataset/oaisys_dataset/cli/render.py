@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
-from oaisys_core.cli.repeat import LEAST_PSNR_DB, DifferentSampleError, described
+from oaisys_core.cli.repeat import MIN_PSNR_DB, DifferentSampleError, described
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_dataset.cli.export import PlaceArgument, export_place, write_export
-from oaisys_dataset.plan import MOST_WORLDS, SPLITS, parsed_splits
+from oaisys_dataset.plan import MAX_WORLDS, SPLITS, parsed_splits
 from oaisys_dataset.ray_session import MEMORY_PER_WORKER_GB, RaySettings
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ def render(
         Path, typer.Argument(help="YAML file: what worlds and views are drawn from.")
     ],
     out: Annotated[str, typer.Option(help="Folder or URL of the data set.")] = OUT,
-    worlds: Annotated[int, typer.Option(help="Number of worlds.", min=1, max=MOST_WORLDS)] = 10,
+    worlds: Annotated[int, typer.Option(help="Number of worlds.", min=1, max=MAX_WORLDS)] = 10,
     views: Annotated[
-        int, typer.Option(help="Number of views of each world.", min=1, max=MOST_WORLDS)
+        int, typer.Option(help="Number of views of each world.", min=1, max=MAX_WORLDS)
     ] = 30,
     splits: Annotated[
         str, typer.Option(help="Share of the worlds in each split; a world is in one of them.")
@@ -105,7 +105,7 @@ def repeat(
     ],
     least_psnr: Annotated[
         float, typer.Option(help="Least PSNR of colours, in dB.", min=0)
-    ] = LEAST_PSNR_DB,
+    ] = MIN_PSNR_DB,
 ) -> None:
     """Render frames of a data set again from their lines in the manifest, and compare.
 

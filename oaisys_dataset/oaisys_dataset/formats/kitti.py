@@ -43,7 +43,7 @@ UNITS_PER_M = 256.0
 RECTIFIED_M = 1e-6
 """Largest entry by which the pose of a right camera may differ from a shift to the right."""
 
-MOST_INTENSITY = 255.0
+MAX_INTENSITY = 255.0
 """Of our lidars; KITTI's reflectance ends at 1."""
 
 LEFT, RIGHT = 2, 3
@@ -145,7 +145,7 @@ def _write_scans(
         scan = scans.get(record.view)
         if scan is not None:
             points = dataset.scan(scan).data
-            columns = [*(points[axis] for axis in "xyz"), points["intensity"] / MOST_INTENSITY]
+            columns = [*(points[axis] for axis in "xyz"), points["intensity"] / MAX_INTENSITY]
             data = np.column_stack(columns).astype("<f4").tobytes()
             write_file(folder, f"velodyne/{place:06d}.bin", data)
             written.add(scan.scan_id)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.output.images import MOST_IN_PNG, encode_image
+from oaisys_core.output.images import MAX_IN_PNG, encode_image
 from oaisys_core.types import DEPTH, RGB, FloatArray, PinholeIntrinsics
 from oaisys_dataset.formats.base import write_file
 from oaisys_dataset.manifest import world_name
@@ -135,7 +135,7 @@ def _depth_png(depth_m: NDArray[Any], units_per_m: float) -> tuple[bytes, int]:
     Those pixels are 0, like the pixels where nothing was hit.
     """
     units = np.rint(depth_m.astype(np.float64) * units_per_m)
-    fits = units <= MOST_IN_PNG
+    fits = units <= MAX_IN_PNG
     lost = int(np.count_nonzero(np.isfinite(units) & ~fits))
     return encode_image(np.where(fits, units, 0).astype(np.uint16)), lost
 

@@ -20,7 +20,7 @@ BLOCK = tarfile.BLOCKSIZE
 END_BYTES = tarfile.RECORDSIZE
 """Most bytes that a tar file has after its last member."""
 
-LEAST_BYTES = END_BYTES + 2 * BLOCK
+MIN_BYTES = END_BYTES + 2 * BLOCK
 """A tar file with one small file."""
 
 

@@ -24,7 +24,7 @@ from oaisys_dataset.formats.base import (
     modality_names,
     write_file,
 )
-from oaisys_dataset.formats.tar_files import LEAST_BYTES, ParquetRows, TarFiles
+from oaisys_dataset.formats.tar_files import MIN_BYTES, ParquetRows, TarFiles
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from oaisys_dataset.reader import Dataset, DatasetSample
     from oaisys_dataset.scans import ScanRecord
 
-MOST_BYTES = 1_000_000_000
+MAX_BYTES = 1_000_000_000
 """Largest size of a tar file."""
 
 INDEX = "index.parquet"
@@ -94,7 +94,7 @@ class WebDatasetFormat(DatasetFormat):
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
-        most = int(options.number("shard_bytes", MOST_BYTES, least=LEAST_BYTES))
+        most = int(options.number("shard_bytes", MAX_BYTES, least=MIN_BYTES))
         counts: Counter[str] = Counter()
         with ParquetRows(target / INDEX, _index_schema(modality_names(dataset))) as index:
             for split in dataset.splits:

@@ -39,7 +39,7 @@ from oaisys_grpc.contract.shared_memory import (
     SharedMemoryError,
     found_token,
 )
-from oaisys_grpc.contract.transfer import Transfer, place_from_proto, transfer_to_proto
+from oaisys_grpc.contract.transfer import Transfer, location_from_proto, transfer_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 _LOG = logging.getLogger(__name__)
@@ -194,7 +194,7 @@ class SampleStream:
         try:
             if self._reader is None:
                 raise SharedMemoryError("this client reads no shared memory")
-            data = self._reader.read(place_from_proto(header.shared_memory), size, self._files)
+            data = self._reader.read(location_from_proto(header.shared_memory), size, self._files)
         except SharedMemoryError as error:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
@@ -314,7 +314,7 @@ class SampleClient:
                 patience_s = min(timeout_s, _ASK_TIMEOUT_S)
                 info = self._channel.call("GetSimulatorInfo", request, patience_s)
                 if info.HasField("shared_memory_probe"):
-                    self._token = found_token(place_from_proto(info.shared_memory_probe))
+                    self._token = found_token(location_from_proto(info.shared_memory_probe))
             except (OaisysError, SharedMemoryError) as error:
                 _LOG.info("no shared memory with %s: %s", self._channel.address, error)
             return self._token

@@ -47,7 +47,7 @@ class SharedMemoryError(OSError):
     """The shared memory that was offered is not here, or is something else."""
 
 
-class Place(NamedTuple):
+class MemoryLocation(NamedTuple):
     """Where an array lies in a file that another process can open."""
 
     process_id: int
@@ -82,9 +82,9 @@ class Segment(mmap.mmap):
         """Return how many bytes from the beginning an array of it lies."""
         return _address(array) - _address(np.frombuffer(self, np.uint8))
 
-    def place(self, offset: int) -> Place:
+    def location(self, offset: int) -> MemoryLocation:
         """Return where others find what is ``offset`` bytes from the beginning."""
-        return Place(os.getpid(), self.descriptor, len(self), self[:TOKEN_BYTES], offset)
+        return MemoryLocation(os.getpid(), self.descriptor, len(self), self[:TOKEN_BYTES], offset)
 
 
 def copied_to_segment(arrays: Sequence[AnyArray]) -> list[AnyArray]:
@@ -143,19 +143,19 @@ class Probe:
             return None
 
     @property
-    def place(self) -> Place:
+    def location(self) -> MemoryLocation:
         """Where the file is, without the token in it."""
-        return self._segment.place(0)._replace(token=b"")
+        return self._segment.location(0)._replace(token=b"")
 
     def proves(self, token: bytes) -> bool:
         """Return whether this is the token in the file."""
         return hmac.compare_digest(token, self._segment[:TOKEN_BYTES])
 
 
-def place_of(array: AnyArray) -> Place | None:
+def location_of(array: AnyArray) -> MemoryLocation | None:
     """Return where other processes find an array; None where they do not."""
     segment = segment_of(array)
-    return None if segment is None else segment.place(segment.offset_of(array))
+    return None if segment is None else segment.location(segment.offset_of(array))
 
 
 def segment_of(array: AnyArray) -> Segment | None:
@@ -181,7 +181,9 @@ class Reader:
         self._mapped: WeakSet[Segment] = WeakSet()
         self._lock = threading.Lock()
 
-    def read(self, place: Place, size: int, files: dict[bytes, Segment]) -> NDArray[np.uint8]:
+    def read(
+        self, location: MemoryLocation, size: int, files: dict[bytes, Segment]
+    ) -> NDArray[np.uint8]:
         """Return ``size`` bytes, which the caller may change.
 
         Args:
@@ -190,45 +192,47 @@ class Reader:
         Raises:
             SharedMemoryError: The bytes are not there.
         """
-        if place.offset + size > place.file_size or len(place.token) != TOKEN_BYTES:
-            raise SharedMemoryError(f"{size} bytes at {place.offset} are not in the shared memory")
-        segment = files.get(place.token)
+        if location.offset + size > location.file_size or len(location.token) != TOKEN_BYTES:
+            raise SharedMemoryError(
+                f"{size} bytes at {location.offset} are not in the shared memory"
+            )
+        segment = files.get(location.token)
         if segment is None:
-            descriptor = opened(place)
+            descriptor = opened(location)
             with self._lock:
-                if not self._has_room(place.file_size):
-                    return _copied(descriptor, place.offset, size)
-                segment = files[place.token] = _mapped(descriptor, place.file_size)
+                if not self._has_room(location.file_size):
+                    return _copied(descriptor, location.offset, size)
+                segment = files[location.token] = _mapped(descriptor, location.file_size)
                 self._mapped.add(segment)
-        return np.frombuffer(segment, np.uint8, size, place.offset)
+        return np.frombuffer(segment, np.uint8, size, location.offset)
 
     def _has_room(self, size: int) -> bool:
         taken = [len(segment) for segment in self._mapped]
         return len(taken) < self._max_files and sum(taken) + size <= self._max_bytes
 
 
-def opened(place: Place) -> int:
+def opened(location: MemoryLocation) -> int:
     """Return a descriptor of another process's segment; the caller closes it.
 
     It is opened only after it was checked to be a segment: opening something else, such as a pipe,
     could disturb its owner. An empty token is not compared.
 
     Raises:
-        SharedMemoryError: The place holds no such segment.
+        SharedMemoryError: The location holds no such segment.
     """
     if not AVAILABLE:
         raise SharedMemoryError(f"{sys.platform} has no such shared memory")
     try:
-        path = f"/proc/{place.process_id:d}/fd/{place.descriptor:d}"
+        path = f"/proc/{location.process_id:d}/fd/{location.descriptor:d}"
         handle = os.open(path, os.O_PATH | os.O_CLOEXEC)
         try:
-            _check_file(handle, place)
+            _check_file(handle, location)
             own = f"/proc/self/fd/{handle}"
             descriptor = os.open(own, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         finally:
             os.close(handle)
         try:
-            _check_content(descriptor, place)
+            _check_content(descriptor, location)
         except BaseException:
             os.close(descriptor)
             raise
@@ -239,13 +243,13 @@ def opened(place: Place) -> int:
     return descriptor
 
 
-def found_token(place: Place) -> bytes:
+def found_token(location: MemoryLocation) -> bytes:
     """Return the token of a probe, which proves that this process can read the other's memory.
 
     Raises:
         SharedMemoryError: This process cannot.
     """
-    descriptor = opened(place)
+    descriptor = opened(location)
     try:
         return os.pread(descriptor, TOKEN_BYTES, 0)
     finally:
@@ -292,20 +296,20 @@ def _copied(descriptor: int, offset: int, size: int) -> NDArray[np.uint8]:
     return content
 
 
-def _check_file(handle: int, place: Place) -> None:
+def _check_file(handle: int, location: MemoryLocation) -> None:
     status = os.fstat(handle)
     name = os.readlink(f"/proc/self/fd/{handle}")  # noqa: PTH115 - on every sample's way
     if not stat.S_ISREG(status.st_mode) or not name.startswith(f"/memfd:{_NAME}"):
         raise SharedMemoryError("what was offered is no shared memory of a simulator")
-    if status.st_size != place.file_size or place.file_size < TOKEN_BYTES:
-        raise SharedMemoryError(f"{status.st_size} bytes are shared, not {place.file_size}")
+    if status.st_size != location.file_size or location.file_size < TOKEN_BYTES:
+        raise SharedMemoryError(f"{status.st_size} bytes are shared, not {location.file_size}")
 
 
-def _check_content(descriptor: int, place: Place) -> None:
+def _check_content(descriptor: int, location: MemoryLocation) -> None:
     if fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & _all_seals() != _all_seals():
         raise SharedMemoryError("the shared memory is not sealed: it could change or shrink")
     token = os.pread(descriptor, TOKEN_BYTES, 0)
-    if place.token and not hmac.compare_digest(place.token, token):
+    if location.token and not hmac.compare_digest(location.token, token):
         raise SharedMemoryError("the shared memory is another one")
 
 

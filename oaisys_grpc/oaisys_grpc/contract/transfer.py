@@ -13,7 +13,7 @@ from oaisys_core.types import POINTS, FrameName
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import CHUNK_BYTES, CODECS, MAX_FRAME_BYTES
 from oaisys_grpc.contract.sample_messages import FrameMessage, SampleMessages
-from oaisys_grpc.contract.shared_memory import Place, Probe, place_of
+from oaisys_grpc.contract.shared_memory import MemoryLocation, Probe, location_of
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 MAX_REQUEST_BYTES = 4 * 1024 * 1024
@@ -114,14 +114,14 @@ def limits_message() -> pb.TransferLimits:
     )
 
 
-def place_to_proto(place: Place) -> pb.SharedMemory:
-    """Return the message of a place in shared memory; inverse: `place_from_proto`."""
-    return pb.SharedMemory(**place._asdict())
+def location_to_proto(location: MemoryLocation) -> pb.SharedMemory:
+    """Return the message of a location in shared memory; inverse: `location_from_proto`."""
+    return pb.SharedMemory(**location._asdict())
 
 
-def place_from_proto(message: pb.SharedMemory) -> Place:
-    """Return a place in shared memory."""
-    return Place(*(getattr(message, name) for name in Place._fields))
+def location_from_proto(message: pb.SharedMemory) -> MemoryLocation:
+    """Return a location in shared memory."""
+    return MemoryLocation(*(getattr(message, name) for name in MemoryLocation._fields))
 
 
 def sample_to_parts(
@@ -150,10 +150,10 @@ def _frame_parts(frame: FrameMessage, transfer: Transfer) -> Iterator[pb.SampleP
     if image.nbytes > transfer.frame_bytes:
         expected = f"at least {image.nbytes}, which {header.sensor}/{header.modality} has"
         raise InvalidInputError("transfer.max_frame_bytes", transfer.frame_bytes, expected)
-    place = place_of(image) if transfer.token else None
-    if place is not None:
+    location = location_of(image) if transfer.token else None
+    if location is not None:
         part = pb.SamplePart(frame=header)  # which copies the header
-        part.frame.shared_memory.CopyFrom(place_to_proto(place))
+        part.frame.shared_memory.CopyFrom(location_to_proto(location))
         yield part
         return
     part, data = _encoded_part(frame, transfer.encodings)

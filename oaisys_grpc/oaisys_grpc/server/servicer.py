@@ -25,7 +25,7 @@ from oaisys_grpc.contract.transfer import (
     frame_response,
     granted,
     limits_message,
-    place_to_proto,
+    location_to_proto,
     sample_to_parts,
     transfer_from_proto,
 )
@@ -103,7 +103,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         if request.with_config:
             message.config_json = self._supervisor.config_json
         if self._probe is not None:
-            message.shared_memory_probe.CopyFrom(place_to_proto(self._probe.place))
+            message.shared_memory_probe.CopyFrom(location_to_proto(self._probe.location))
         return message
 
     def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:

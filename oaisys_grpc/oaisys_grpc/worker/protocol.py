@@ -36,7 +36,7 @@ _MAX_SEGMENTS = 200
 _INLINE = -1
 _ALIGNMENT = 16
 
-ArrayPlace = tuple[int, int, int]
+ArrayLocation = tuple[int, int, int]
 """Of an array: its segment's number or `_INLINE`, its offset there, and its size in bytes."""
 
 
@@ -129,7 +129,7 @@ class Connection:
         return bytes(data)
 
 
-def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayPlace], list[Segment], bytes]:
+def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayLocation], list[Segment], bytes]:
     """Return where arrays travel.
 
     Arrays that lie in a segment stay there. The others go into a new one if they are large, else
@@ -145,7 +145,7 @@ def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayPlace], list[Segment]
         for number, raw in zip(loose, shared or (), strict=shared is not None):
             raws[number] = raw
     segments: list[Segment] = []
-    places: list[ArrayPlace] = []
+    places: list[ArrayLocation] = []
     inline = bytearray()
     for raw in raws:
         segment = segment_of(raw)

@@ -14,7 +14,7 @@ from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
 
-MOST_VIEWS_BYTES = 64_000_000
+MAX_VIEWS_BYTES = 64_000_000
 """Size of a file of views; one of them takes half a kilobyte."""
 
 
@@ -30,7 +30,7 @@ def read_views(path: Path) -> list[PosedCamera]:
         InvalidInputError: The file cannot be read, or a view is incomplete or invalid.
     """
     try:
-        data = parse_json(read_text(path, MOST_VIEWS_BYTES))
+        data = parse_json(read_text(path, MAX_VIEWS_BYTES))
         views = list(data["views"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         expected = f'a JSON file {{"views": [...]}} ({error})'

@@ -20,7 +20,7 @@ from oaisys_mapping.odometry.trajectories import ape_rmse, read_tum
 MAX_RANGE_M = 30.0
 """KISS-ICP ignores farther points, and maps with voxels of a hundredth of it."""
 
-LEAST_WAY_M = 1.0
+MIN_WAY_M = 1.0
 """On a shorter way, errors are not given as shares of it."""
 
 Say = Callable[[str], None]
@@ -52,7 +52,7 @@ def odometry_checks(drive: RecordedDrive, bag: Path | None, say: Say) -> list[Od
         say: Called before each program.
     """
     info = drive.description.info
-    if drive.description.length_m < LEAST_WAY_M or len(drive.motion.times_s) < 2:
+    if drive.description.length_m < MIN_WAY_M or len(drive.motion.times_s) < 2:
         return []
     checks = [_checked("odometry", "evo", say, lambda: _odometry_figures(drive))]
     for lidar in info.lidars:

@@ -22,7 +22,7 @@ EVO = "evo"
 SEGMENT_M = 100.0
 """Length of the segments over which drift is measured, if the way is twice as long."""
 
-MOST_OFFSET_S = 0.25
+MAX_OFFSET_S = 0.25
 """Largest offset in time that is searched for."""
 
 
@@ -150,13 +150,13 @@ def time_offset_s(estimate: TimedTransforms, truth: TimedTransforms) -> float:
         expected_rad = _angles_rad(truth.at(times_s - offset_s).T)
         return float(np.mean((expected_rad - turned_rad[inside[:-1] & inside[1:]]) ** 2))
 
-    first_s, last_s = truth.times_s[0] + MOST_OFFSET_S, truth.times_s[-1] - MOST_OFFSET_S
+    first_s, last_s = truth.times_s[0] + MAX_OFFSET_S, truth.times_s[-1] - MAX_OFFSET_S
     inside = (estimate.times_s >= first_s) & (estimate.times_s <= last_s)
     times_s = estimate.times_s[inside]
-    candidates_s = np.linspace(-MOST_OFFSET_S, MOST_OFFSET_S, 51)
+    candidates_s = np.linspace(-MAX_OFFSET_S, MAX_OFFSET_S, 51)
     best_s = float(candidates_s[np.argmin([disagreement(each) for each in candidates_s])])
     step_s = float(candidates_s[1] - candidates_s[0])
-    bounds = (max(best_s - step_s, -MOST_OFFSET_S), min(best_s + step_s, MOST_OFFSET_S))
+    bounds = (max(best_s - step_s, -MAX_OFFSET_S), min(best_s + step_s, MAX_OFFSET_S))
     return float(scipy.optimize.minimize_scalar(disagreement, bounds=bounds, method="bounded").x)
 
 

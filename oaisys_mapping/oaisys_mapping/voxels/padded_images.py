@@ -13,7 +13,7 @@ from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.voxels.config import TsdfConfig
 
-LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
+MIN_FOCAL, MAX_FOCAL, MAX_CENTRE = 0.01, 1000.0, 100.0
 """Bounds of focal lengths and of the principal point, in image widths; those of the simulator."""
 FARTHEST_M = 1e7
 """Distance of a camera from the map's origin; the numbers of blocks farther away have no room."""
@@ -94,12 +94,12 @@ def check_view(
     if not camera.is_rectilinear:
         received = (camera.distortion_model, camera.distortion)
         raise InvalidInputError("intrinsics.distortion", received, "a pinhole without any")
-    least_px, most_px = (factor * camera.width_px for factor in (LEAST_FOCAL, MOST_FOCAL))
+    least_px, most_px = (factor * camera.width_px for factor in (MIN_FOCAL, MAX_FOCAL))
     if not all(least_px <= focal_px <= most_px for focal_px in (camera.fx_px, camera.fy_px)):
         expected = f"focal lengths from {least_px:g} to {most_px:g} pixels"
         raise InvalidInputError("intrinsics", (camera.fx_px, camera.fy_px), expected)
-    if max(abs(camera.cx_px), abs(camera.cy_px)) > MOST_CENTRE * camera.width_px:
-        expected = f"a principal point within {MOST_CENTRE:g} image widths"
+    if max(abs(camera.cx_px), abs(camera.cy_px)) > MAX_CENTRE * camera.width_px:
+        expected = f"a principal point within {MAX_CENTRE:g} image widths"
         raise InvalidInputError("intrinsics", (camera.cx_px, camera.cy_px), expected)
     if np.shape(T_map_camera) != (4, 4) or not np.isfinite(T_map_camera).all():
         raise InvalidInputError("T_map_camera", T_map_camera, "a finite (4, 4) transform")

@@ -81,7 +81,7 @@ def write_volume(path: Path, header: VolumeHeader, grids: Mapping[str, BlockCach
             _write_grid(archive, name, grid)
 
 
-MOST_VOLUME_BYTES = 16_000_000_000
+MAX_VOLUME_BYTES = 16_000_000_000
 """Size of the arrays in a file."""
 
 
@@ -98,7 +98,7 @@ def read_volume(
         InvalidInputError: The file is not a volume, or lacks these fields.
     """
     try:
-        arrays = load_arrays(path, MOST_VOLUME_BYTES)
+        arrays = load_arrays(path, MAX_VOLUME_BYTES)
         if str(arrays["format"]) != FORMAT:
             raise ValueError(f"its format is {arrays['format']}")
         header = VolumeHeader(

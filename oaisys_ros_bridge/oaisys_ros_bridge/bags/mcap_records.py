@@ -29,7 +29,7 @@ FOOTER_BYTES = 9 + 20
 _HEADER = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
-_LEAST_BYTES = {
+_MIN_BYTES = {
     Opcode.HEADER: 8,
     Opcode.FOOTER: 20,
     Opcode.SCHEMA: 14,
@@ -101,7 +101,7 @@ class RecordFile:
             return None
         opcode, length = _HEADER.unpack(head)
         end = offset + _HEADER.size + length
-        if end > self.size or length < _LEAST_BYTES.get(opcode, self.size):
+        if end > self.size or length < _MIN_BYTES.get(opcode, self.size):
             return None
         place = RecordPlace(opcode, offset, end)
         return None if opcode == Opcode.CHUNK and not self._is_whole_chunk(place) else place
@@ -204,7 +204,7 @@ def chunk_records(content: bytes) -> Iterator[tuple[int, bytes]]:
         head = data[offset : offset + _HEADER.size]
         opcode, length = _HEADER.unpack(head) if len(head) == _HEADER.size else (0, len(data))
         end = offset + _HEADER.size + length
-        if opcode not in _LEAST_BYTES or end > len(data):
+        if opcode not in _MIN_BYTES or end > len(data):
             raise DamagedRecordError("a record in a chunk is cut short, or none")
         if opcode == Opcode.CHUNK:
             raise DamagedRecordError("a chunk contains a chunk")

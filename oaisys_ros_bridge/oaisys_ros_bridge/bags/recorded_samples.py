@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json
 from oaisys_core.geometry import pose_to_matrix
-from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, measured_frame
 from oaisys_core.types import (
     Frame,
     FrameName,
@@ -153,12 +153,14 @@ class _PartialSample:
         )
         faults = _faults(self.info.faults_json)
         return RecordedSample(
-            outline, frames, lambda frame: measured_frame(frame, faults, _shot(outline, frame))
+            outline,
+            frames,
+            lambda frame: measured_frame(frame, faults, _capture(outline, frame)),
         )
 
 
-def _shot(outline: SampleOutline, frame: Frame) -> Shot:
-    return Shot(outline.batch_id, outline.sample_id, frame.sensor)
+def _capture(outline: SampleOutline, frame: Frame) -> CaptureId:
+    return CaptureId(outline.batch_id, outline.sample_id, frame.sensor)
 
 
 def _frame(name: FrameName, data: NDArray[np.generic], sensor: SensorPose) -> Frame:

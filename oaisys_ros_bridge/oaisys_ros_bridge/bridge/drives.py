@@ -12,7 +12,7 @@ from oaisys_core.types import ODOMETRY, DriveInstant, DriveOutline
 from oaisys_msgs.action import Drive
 from oaisys_msgs.msg import SensorCount, TopicCount
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import Cancellation, drive_request
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import DriveTopics, WorldTopics
@@ -26,7 +26,7 @@ class DrivePublisher:
     """Publishes one drive, and fills in its goal's feedback and result.
 
     Args:
-        renderer: Whose turn it is.
+        render_queue: Whose turn it is.
         topics: Where to publish.
         goal: The goal.
         cancellation: Cancels the drive.
@@ -35,13 +35,13 @@ class DrivePublisher:
 
     def __init__(
         self,
-        renderer: Renderer,
+        render_queue: RenderQueue,
         topics: WorldTopics,
         goal: ServerGoalHandle,
         cancellation: Cancellation,
         result: Drive.Result,
     ) -> None:
-        self._renderer = renderer
+        self._render_queue = render_queue
         self._topics = topics
         self._goal = goal
         self._cancellation = cancellation
@@ -55,14 +55,14 @@ class DrivePublisher:
         Raises:
             OaisysError: The drive is refused, fails, or is cancelled.
         """
-        request = drive_request(self._goal.request, self._renderer.map_frame)
+        request = drive_request(self._goal.request, self._render_queue.map_frame)
         with (
-            self._renderer.metadata.sent() as metadata,
+            self._render_queue.metadata.sent() as metadata,
             link.drive(request, metadata) as stream,
             self._cancellation.stopping_by(stream.cancel),
         ):
             outline = stream.outline
-            self._renderer.announce_batch(outline.batch_id, link)
+            self._render_queue.announce_batch(outline.batch_id, link)
             with self._topics.driving(outline.start_ns) as published:
                 self._result.begin = published.begin
                 try:
@@ -83,18 +83,18 @@ class DrivePublisher:
             stamp = published.stamp(instant)
             published.publish(instant, stamp)
         else:
-            readers = self._renderer.readers
-            readers.wait_for_room(self._cancellation)
-            readers.begin()
+            back_pressure = self._render_queue.back_pressure
+            back_pressure.wait_for_room(self._cancellation)
+            back_pressure.begin()
             stamp = published.stamp(instant)
             publication = published.begin_sample(sample, instant, stamp)
             for scan in sample.scans:
                 publication.add(scan)
             for frame in sample.frames:
                 publication.add(frame)
-            readers.expect(sample, stamp)
+            back_pressure.expect(sample, stamp)
             publication.finish(sample)
-            self._renderer.note(sample, publication, waited_s)
+            self._render_queue.note(sample, publication, waited_s)
         self._made.update([*instant.sensors, *(reading.sensor for reading in instant.imus)])
         self._made[ODOMETRY] += instant.has_odometry
         now_s = time.monotonic()
@@ -121,7 +121,7 @@ class DrivePublisher:
         ]
 
 
-def drive_server(node: Node, renderer: Renderer, topics: WorldTopics) -> GoalServer:
+def drive_server(node: Node, render_queue: RenderQueue, topics: WorldTopics) -> GoalServer:
     """Offer the action; a drive is one request, and other requests wait for its end.
 
     A drive ends once our mapper and recorders have taken all samples. Otherwise its result says
@@ -130,18 +130,18 @@ def drive_server(node: Node, renderer: Renderer, topics: WorldTopics) -> GoalSer
 
     def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Drive.Result) -> None:
         # What readers have yet to find missing of earlier samples is not this goal's loss.
-        renderer.readers.wait_until_taken(cancellation)
-        before = renderer.readers.states()
-        publisher = DrivePublisher(renderer, topics, goal, cancellation, result)
-        renderer.in_turn(publisher.run, cancellation)
-        renderer.readers.wait_until_taken(cancellation)
+        render_queue.back_pressure.wait_until_taken(cancellation)
+        before = render_queue.back_pressure.states()
+        publisher = DrivePublisher(render_queue, topics, goal, cancellation, result)
+        render_queue.in_turn(publisher.run, cancellation)
+        render_queue.back_pressure.wait_until_taken(cancellation)
         result.success = True
         missing = [
             f"{each.made} of {each.due} measurements of {each.sensor}"
             for each in result.sensors
             if each.made != each.due
         ]
-        result.message = "; ".join((*missing, *renderer.readers.shortfalls(before)))
+        result.message = "; ".join((*missing, *render_queue.back_pressure.shortfalls(before)))
 
     return GoalServer(node, GoalWork(Drive, "~/drive", run, _explain))
 

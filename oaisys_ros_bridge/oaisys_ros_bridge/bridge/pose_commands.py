@@ -18,7 +18,7 @@ from oaisys_core.errors import CancelledError, OaisysError
 from oaisys_msgs.action import Sweep
 from oaisys_ros_bridge.bags.losses import MissingNumbers
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import (
     Cancellation,
     ViewRequest,
@@ -41,12 +41,12 @@ class PoseCommands:
 
     Args:
         node: The bridge.
-        renderer: Renders the poses.
+        render_queue: Renders the poses.
         settings: Returns the bridge's parameters.
     """
 
-    def __init__(self, node: Node, renderer: Renderer, settings: Settings) -> None:
-        self._renderer = renderer
+    def __init__(self, node: Node, render_queue: RenderQueue, settings: Settings) -> None:
+        self._render_queue = render_queue
         self._settings = settings
         self._node = node
         self._lock = threading.Lock()
@@ -74,7 +74,7 @@ class PoseCommands:
         missing = self._missing_numbers.before(topic, info["publication_sequence_number"])
         if missing and self._node.count_publishers(topic) == 1:
             with self._lock:
-                self._renderer.counts.dropped_commands += missing
+                self._render_queue.counts.dropped_commands += missing
         callback(message)
 
     def _on_pose(self, pose: PoseStamped) -> None:
@@ -83,21 +83,21 @@ class PoseCommands:
     def _on_trajectory(self, trajectory: MultiDOFJointTrajectory) -> None:
         points = self._settings()["trajectory_points"]
         try:
-            self._replace(poses_of_trajectory(trajectory, points, self._renderer.map_frame))
+            self._replace(poses_of_trajectory(trajectory, points, self._render_queue.map_frame))
         except OaisysError as error:
             self._node.get_logger().warning(f"command/trajectory refused: {error}")
 
     def _replace(self, poses: Sequence[PoseStamped]) -> None:
         with self._lock:
-            self._renderer.counts.dropped_commands += len(self._poses)
+            self._render_queue.counts.dropped_commands += len(self._poses)
             self._poses = deque(poses)
-            self._renderer.counts.waiting_commands = len(self._poses)
+            self._render_queue.counts.waiting_commands = len(self._poses)
         self._has_come.trigger()
 
     def _render(self) -> None:
         while self._poses:
             try:
-                self._renderer.render_next(self._pop)
+                self._render_queue.render_next(self._pop)
             except OaisysError as error:
                 self._node.get_logger().warning(f"command refused: {error}")
 
@@ -107,11 +107,11 @@ class PoseCommands:
             if not self._poses:
                 return None
             pose = self._poses.popleft()
-            self._renderer.counts.waiting_commands = len(self._poses)
+            self._render_queue.counts.waiting_commands = len(self._poses)
             return ViewRequest(pose)
 
 
-def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
+def sweep_server(node: Node, render_queue: RenderQueue) -> GoalServer:
     """Offer the action; each pose is a request of its own, so other requests come in between.
 
     A sweep ends once our mapper and recorders have taken all samples. Otherwise its result says
@@ -122,13 +122,13 @@ def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
         array = goal.request.poses
         check_count("poses.poses", array.poses)
         # What readers have yet to find missing of earlier samples is not this goal's loss.
-        renderer.readers.wait_until_taken(cancellation)
-        before = renderer.readers.states()
-        checked_frame(array.header.frame_id, "poses.header.frame_id", renderer.map_frame)
+        render_queue.back_pressure.wait_until_taken(cancellation)
+        before = render_queue.back_pressure.states()
+        checked_frame(array.header.frame_id, "poses.header.frame_id", render_queue.map_frame)
         for index, pose in enumerate(array.poses):
             request = ViewRequest(PoseStamped(header=array.header, pose=pose))
             try:
-                sample, _ = renderer.render(request, cancellation)
+                sample, _ = render_queue.render(request, cancellation)
             except CancelledError:
                 raise
             except OaisysError as error:
@@ -138,9 +138,9 @@ def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
             goal.publish_feedback(
                 Sweep.Feedback(index=done, total=len(array.poses), render_time=render_s)
             )
-        renderer.readers.wait_until_taken(cancellation)
+        render_queue.back_pressure.wait_until_taken(cancellation)
         result.success = True
-        result.message = "; ".join(renderer.readers.shortfalls(before))
+        result.message = "; ".join(render_queue.back_pressure.shortfalls(before))
 
     return GoalServer(node, GoalWork(Sweep, "~/sweep", run, _explain))
 

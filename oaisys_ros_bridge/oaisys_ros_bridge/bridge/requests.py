@@ -27,7 +27,7 @@ from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo, TimedPoses
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.conversions import pose_from_msg
 
-MOST_POSES = 100_000
+MAX_POSES = 100_000
 """Of a sweep or a trajectory: some days of rendering."""
 
 MODULES = ("sensor", "environment", "asset", "render", "custom")
@@ -140,9 +140,9 @@ def checked_frame(frame: str, field: str, map_frame: str) -> None:
 
 
 def check_count(field: str, poses: Sequence[Any]) -> None:
-    """Raise `InvalidInputError` where a request has more than `MOST_POSES` poses."""
-    if len(poses) > MOST_POSES:
-        raise InvalidInputError(field, f"{len(poses)} poses", f"at most {MOST_POSES}")
+    """Raise `InvalidInputError` where a request has more than `MAX_POSES` poses."""
+    if len(poses) > MAX_POSES:
+        raise InvalidInputError(field, f"{len(poses)} poses", f"at most {MAX_POSES}")
 
 
 def poses_of_trajectory(

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from oaisys_core.types import SimulatorInfo
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.nodes.managed_node import ACTIVE, ManagedNode
 from oaisys_ros_bridge.parameters.table import Settings
@@ -35,13 +35,13 @@ class BridgeStatus:
 
     Args:
         node: The bridge.
-        renderer: Whose counts, link and readers are reported.
+        render_queue: Whose counts, link and readers are reported.
         settings: Returns the bridge's parameters.
     """
 
-    def __init__(self, node: ManagedNode, renderer: Renderer, settings: Settings) -> None:
+    def __init__(self, node: ManagedNode, render_queue: RenderQueue, settings: Settings) -> None:
         self._node = node
-        self._renderer = renderer
+        self._render_queue = render_queue
         self._settings = settings
         self._ready_lock = threading.Lock()
         self._is_ready: bool | None = None
@@ -52,7 +52,7 @@ class BridgeStatus:
     def publish_ready(self) -> None:
         """Publish whether a view can be requested, if that has changed."""
         with self._ready_lock:
-            link = self._renderer.link
+            link = self._render_queue.link
             ready = link is not None and link.state.ready and self._node.state == ACTIVE
             if ready != self._is_ready:
                 self._is_ready = ready
@@ -71,7 +71,7 @@ class BridgeStatus:
         self._diagnostics.publish(array)
 
     def _simulator_status(self, address: str, reason: str | None) -> DiagnosticStatus:
-        link, state_name = self._renderer.link, self._node.state_name
+        link, state_name = self._render_queue.link, self._node.state_name
         if reason is None:
             reason = "" if link is None else link.state.reason
         level, message = DiagnosticStatus.WARN, state_name
@@ -111,10 +111,10 @@ class BridgeStatus:
         return found
 
     def _renderer_values(self) -> dict[str, object]:
-        counts = self._renderer.counts
+        counts = self._render_queue.counts
         return {
-            "renderer": self._renderer.activity,
-            "queue": self._renderer.waiting + counts.waiting_commands,
+            "renderer": self._render_queue.activity,
+            "queue": self._render_queue.waiting + counts.waiting_commands,
             "rendered": counts.rendered,
             "failed": counts.failed,
             "dropped_commands": counts.dropped_commands,
@@ -126,7 +126,7 @@ class BridgeStatus:
 
     def _readers_status(self, address: str) -> DiagnosticStatus:
         """Return how far the mapper and recorders are."""
-        wrong, values = self._renderer.readers.diagnostics()
+        wrong, values = self._render_queue.back_pressure.diagnostics()
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
         message = "; ".join(wrong) or "nothing is lost"
         return _status(f"{self._node.get_name()}: readers", address, level, message, values)

@@ -18,7 +18,7 @@ from std_msgs.msg import Header, String
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.types import DriveInstant, Sample, SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bridge.readers import Readers
+from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.conversions import NS_PER_S, stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.sample_publisher import (
@@ -38,13 +38,13 @@ class WorldTopics:
     Args:
         node: Owner of the publishers.
         settings: Returns the bridge's parameters.
-        readers: Our mapper and recorders; while one is behind, no transform is repeated.
+        back_pressure: Of our mapper and recorders; while one is behind, no transform is repeated.
     """
 
-    def __init__(self, node: Node, settings: Settings, readers: Readers) -> None:
+    def __init__(self, node: Node, settings: Settings, back_pressure: BackPressure) -> None:
         self._node = node
         self._settings = settings
-        self._readers = readers
+        self._back_pressure = back_pressure
         self._lock = threading.RLock()
         self._samples: SamplePublisher | None = None
         self._stamps: Stamps | None = None
@@ -154,7 +154,7 @@ class WorldTopics:
         The bridge does not wait for repeats, so they could push a sample's transforms out of that
         reader's queue.
         """
-        if self._readers.are_behind:
+        if self._back_pressure.readers_are_behind:
             return
         with self._lock:
             if self._samples is None or self._stamps is None:

@@ -11,7 +11,7 @@ from std_msgs.msg import Bool
 
 from oaisys_core.errors import RenderError
 from oaisys_msgs.msg import MapStatus, SampleReceipt
-from oaisys_ros_bridge.bridge.readers import state_of
+from oaisys_ros_bridge.bridge.back_pressure import state_of
 from oaisys_ros_bridge.bridge.status import FIRST_BATCH_ERROR, SUBSCRIBERS
 from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE

@@ -14,10 +14,10 @@ from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
+from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.drives import drive_server
 from oaisys_ros_bridge.bridge.pose_commands import PoseCommands, sweep_server
-from oaisys_ros_bridge.bridge.readers import Readers
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import (
     ViewRequest,
     metadata_of_module,
@@ -69,37 +69,37 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._changed = self.create_guard_condition(
             self._follow_changes, callback_group=MutuallyExclusiveCallbackGroup()
         )
-        readers = Readers(self, self._settings)
-        self._topics = WorldTopics(self, self._settings, readers)
-        self._renderer = Renderer(
-            self._topics, readers, self._settings, on_sample=self._changed.trigger
+        back_pressure = BackPressure(self, self._settings)
+        self._topics = WorldTopics(self, self._settings, back_pressure)
+        self._render_queue = RenderQueue(
+            self._topics, back_pressure, self._settings, on_sample=self._changed.trigger
         )
-        self._renderer.refusal = REFUSAL.format("unconfigured")
-        self._commands = PoseCommands(self, self._renderer, self._settings)
-        self._status = BridgeStatus(self, self._renderer, self._settings)
+        self._render_queue.refusal = REFUSAL.format("unconfigured")
+        self._commands = PoseCommands(self, self._render_queue, self._settings)
+        self._status = BridgeStatus(self, self._render_queue, self._settings)
         self._goals = [
-            sweep_server(self, self._renderer),
-            drive_server(self, self._renderer, self._topics),
+            sweep_server(self, self._render_queue),
+            drive_server(self, self._render_queue, self._topics),
         ]
-        self._simulation = SimulationControl(self._renderer, self._topics)
+        self._simulation = SimulationControl(self._render_queue, self._topics)
         self._simulation_services = self._simulation_interfaces()
         self._offer_services()
         self._status.publish_ready()
         if self.parameters["autostart"]:
-            self._renderer.refusal = ""
+            self._render_queue.refusal = ""
             self._start_link(self._new_link())
             self.set_aim(ACTIVE)
 
     def close(self) -> None:
         """Stop rendering and disconnect from the simulator."""
-        self._renderer.refusal = "the bridge ends"
+        self._render_queue.refusal = "the bridge ends"
         self.stop_rendering("the bridge ends")
-        if self._renderer.link is not None:
-            self._renderer.link.close()
+        if self._render_queue.link is not None:
+            self._render_queue.link.close()
 
     def configure(self) -> None:
         """Find the simulator and offer its topics."""
-        link = self._renderer.link
+        link = self._render_queue.link
         if link is None:
             link = self._new_link()
             try:
@@ -112,41 +112,41 @@ class BridgeNode(ParameterNode, ManagedNode):
         else:
             self._topics.offer(link.info)
         if not self.by_itself:
-            self._renderer.refusal = REFUSAL.format("inactive")
+            self._render_queue.refusal = REFUSAL.format("inactive")
 
     def activate(self) -> None:
         """Make sure that there is a world, announce it, and render."""
-        link = self._renderer.configured_link()
+        link = self._render_queue.configured_link()
         if not link.state.ready:
             link.check()
         if not link.state.ready:
             raise NotReadyError(link.state.reason)
         self._topics.announce(link.info)
-        self._renderer.refusal = ""
-        self._renderer.active.set()
+        self._render_queue.refusal = ""
+        self._render_queue.active.set()
 
     def deactivate(self) -> None:
         """Stop rendering; refuse requests unless the simulator was only lost."""
         if not self.by_itself:
-            self._renderer.refusal = REFUSAL.format("inactive")
-        self._renderer.active.clear()
+            self._render_queue.refusal = REFUSAL.format("inactive")
+        self._render_queue.active.clear()
         self.stop_rendering("the bridge was deactivated")
 
     def cleanup(self) -> None:
         """Disconnect and withdraw the topics, unless the simulator was only lost."""
-        self._renderer.forget_world()
+        self._render_queue.forget_world()
         self._simulation.forget()
         if self.by_itself:
             return
-        self._renderer.refusal = REFUSAL.format("unconfigured")
-        link, self._renderer.link = self._renderer.link, None
+        self._render_queue.refusal = REFUSAL.format("unconfigured")
+        link, self._render_queue.link = self._render_queue.link, None
         if link is not None:
             link.close()
         self._topics.withdraw()
 
     def reachable(self) -> int:
         """Return the highest state that the simulator allows; the active state needs a world."""
-        link = self._renderer.link
+        link = self._render_queue.link
         if link is None or link.state.info is None:
             return UNCONFIGURED
         return ACTIVE if link.state.ready or self.state == ACTIVE else INACTIVE
@@ -166,7 +166,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def on_parameters(self, changed: Mapping[str, Any]) -> None:
         """Apply new values of the parameters that are read only once."""
-        link = self._renderer.link
+        link = self._render_queue.link
         if link is None:
             return
         link.initial_batch = self.parameters["initial_batch"]
@@ -182,7 +182,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             goals.stop(reason)
         if self._simulation_services is not None:
             self._simulation_services.stop(reason)
-        self._renderer.stop(reason)
+        self._render_queue.stop(reason)
 
     def _settings(self) -> Mapping[str, Any]:
         return self.parameters
@@ -198,7 +198,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         )
 
     def _start_link(self, link: SimulatorLink) -> None:
-        self._renderer.link = link
+        self._render_queue.link = link
         link.start()
 
     def _simulation_interfaces(self) -> SimulationServices | None:
@@ -210,7 +210,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         except ImportError as error:
             self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
             return None
-        return SimulationServices(self, self._simulation, self._renderer, self._settings)
+        return SimulationServices(self, self._simulation, self._render_queue, self._settings)
 
     def _offer_services(self) -> None:
         """Offer the services, each in a group of its own, as each may wait for its turn."""
@@ -228,7 +228,7 @@ class BridgeNode(ParameterNode, ManagedNode):
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:
         try:
             view = ViewRequest(request.pose, request.sensor, request.modalities)
-            sample, stamp = self._renderer.render(view)
+            sample, stamp = self._render_queue.render(view)
         except OaisysError as error:
             response.message = str(error)
             self.get_logger().warning(f"set_pose refused: {error}")
@@ -257,7 +257,7 @@ class BridgeNode(ParameterNode, ManagedNode):
     def _on_set_metadata(self, request: SetMetadata.Request, response: SetMetadata.Response) -> Any:
         try:
             metadata = metadata_of_module(request.module, request.metadata_json)
-            self._renderer.metadata.add(metadata)
+            self._render_queue.metadata.add(metadata)
             response.success = True
             response.message = "takes effect at the next sample"
         except OaisysError as error:
@@ -266,7 +266,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def _on_end_simulation(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         try:
-            self._renderer.configured_link().end_simulation()
+            self._render_queue.configured_link().end_simulation()
             response.success = True
         except OaisysError as error:
             response.message = str(error)
@@ -274,7 +274,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def _follow_changes(self) -> None:
         """Publish the changes of the simulator, and diagnostics, since the last call."""
-        link = self._renderer.link
+        link = self._render_queue.link
         while link is not None and not link.changes.empty():
             self._follow(link, link.changes.get())
         self._status.publish_diagnostics()
@@ -282,7 +282,7 @@ class BridgeNode(ParameterNode, ManagedNode):
     def _follow(self, link: SimulatorLink, change: LinkChange) -> None:
         info, reason = change.after.info, change.after.reason
         self._topics.publish_configuration(link.config_json)
-        self._renderer.update_topics()
+        self._render_queue.update_topics()
         self._status.publish_ready()
         self.settle()
         if reason == change.before.reason:

@@ -63,7 +63,7 @@ TAKEN_AT_ONCE = 500
 """Messages of one topic that are taken, at the end, before it is the next one's turn."""
 PUBLISHING_S = 2.0
 """Longest time that publishing a sample takes beside rendering it."""
-LEAST_FREE_BYTES = 64 * 2**20
+MIN_FREE_BYTES = 64 * 2**20
 
 
 class RecorderNode(ParameterNode, Node):
@@ -353,9 +353,9 @@ def require_free_space(folder: Path) -> None:
     """Raise `InvalidInputError` where the disk has no room for a bag."""
     existing = next(parent for parent in folder.resolve().parents if parent.exists())
     free = shutil.disk_usage(existing).free
-    if free < LEAST_FREE_BYTES:
+    if free < MIN_FREE_BYTES:
         raise InvalidInputError(
-            "path", str(folder), f"{LEAST_FREE_BYTES >> 20} MB free, not {free >> 20}"
+            "path", str(folder), f"{MIN_FREE_BYTES >> 20} MB free, not {free >> 20}"
         )
 
 

@@ -29,7 +29,7 @@ ColorFormat = Literal["jpeg", "png"]
 INVERSE_DEPTH = 0
 """The only compression kind in a compressedDepth header."""
 CONFIG_HEADER = struct.Struct("<iff")
-MOST_UINT16 = 65535
+MAX_UINT16 = 65535
 MM_PER_M = 1000.0
 
 COLORS = frozenset({"rgb8"})
@@ -123,7 +123,7 @@ def compressed_depth_to_msg(
             steps = depth_m * np.float32(MM_PER_M)
         np.rint(steps, out=steps)
         known = (depth_m > 0) & (depth_m < np.float32(compression.depth_max_m))
-        known &= steps <= MOST_UINT16
+        known &= steps <= MAX_UINT16
     steps[~known] = 0
     file = _encoded(steps.astype(np.uint16), "png", compression)
     head = CONFIG_HEADER.pack(INVERSE_DEPTH, a, b)

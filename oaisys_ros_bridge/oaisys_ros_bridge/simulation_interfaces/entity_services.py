@@ -12,7 +12,7 @@ from simulation_interfaces.msg import EntityCategory, EntityInfo, EntityState, R
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, quoted
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import ViewRequest, rig_pose
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.parameters.table import Settings
@@ -45,7 +45,7 @@ class EntityServices:
     Args:
         node: Offers the services.
         simulation: State and world of the simulation.
-        renderer: Renders where an entity is put.
+        render_queue: Renders where an entity is put.
         settings: Returns the bridge's parameters.
     """
 
@@ -53,14 +53,14 @@ class EntityServices:
         self,
         node: Node,
         simulation: SimulationControl,
-        renderer: Renderer,
+        render_queue: RenderQueue,
         settings: Settings,
     ) -> None:
         self._node = node
         self._simulation = simulation
-        self._renderer = renderer
+        self._render_queue = render_queue
         self._settings = settings
-        self._things = SceneEntities(renderer)
+        self._things = SceneEntities(render_queue)
         offer_services(
             node,
             {
@@ -107,7 +107,7 @@ class EntityServices:
 
     def _put(self, entity: Entity, pose: PoseStamped) -> None:
         """Move an entity; render there now if the simulation plays, else at its next step."""
-        info, map_frame = self._simulation.info(), self._renderer.map_frame
+        info, map_frame = self._simulation.info(), self._render_queue.map_frame
         try:
             if entity.thing is not None:
                 self._things.move(entity.thing, rig_pose(pose, "", info, map_frame))
@@ -116,7 +116,7 @@ class EntityServices:
             if self._simulation.state in (PAUSED, STOPPED):
                 self._simulation.put_rig(where)
             else:
-                self._renderer.render(ViewRequest(pose_to_stamped_msg(where, Header())))
+                self._render_queue.render(ViewRequest(pose_to_stamped_msg(where, Header())))
         except InvalidInputError as error:
             if not _POSE_FIELD.search(error.field):
                 raise
@@ -135,7 +135,7 @@ class EntityServices:
             info = self._simulation.info()
             spec = spec_of(resource, info.semantic_labels)
             name = self._name_for(request, stem_of(spec))
-            pose = rig_pose(request.initial_pose, "", info, self._renderer.map_frame)
+            pose = rig_pose(request.initial_pose, "", info, self._render_queue.map_frame)
             thing = self._things.spawn(name, spec, pose)
         except UnsupportedFormatError as error:
             raise RefusedError(codes.UNSUPPORTED_FORMAT, str(error)) from error
@@ -200,7 +200,7 @@ class EntityServices:
             message = f"{entity.name}: its pose is known from the first sample on"
             raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
         header = Header(
-            stamp=self._node.get_clock().now().to_msg(), frame_id=self._renderer.map_frame
+            stamp=self._node.get_clock().now().to_msg(), frame_id=self._render_queue.map_frame
         )
         return EntityState(header=header, pose=pose_to_msg(pose))
 

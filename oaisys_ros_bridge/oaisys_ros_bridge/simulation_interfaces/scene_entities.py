@@ -22,7 +22,7 @@ from oaisys_core.types import (
     Pose,
     SceneObject,
 )
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.simulation_interfaces.entities import Entity, entity_of, filtered
 
 ADDED = "added"
@@ -45,12 +45,12 @@ class SceneEntities:
     """The objects on the ground.
 
     Args:
-        renderer: Knows the simulator, and takes changes to the next sample.
+        render_queue: Knows the simulator, and takes changes to the next sample.
     """
 
-    def __init__(self, renderer: Renderer) -> None:
-        self._link = renderer.configured_link
-        self._pending = renderer.metadata
+    def __init__(self, render_queue: RenderQueue) -> None:
+        self._link = render_queue.configured_link
+        self._pending = render_queue.metadata
         self._changing = threading.Lock()
 
     def matching(self, filters: EntityFilters, limit: int) -> tuple[list[Entity], str]:

@@ -13,7 +13,7 @@ from simulation_interfaces.msg import Resource, Result, SimulatorFeatures, World
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, quoted
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.simulation_interfaces.entity_services import EntityServices
@@ -79,7 +79,7 @@ class SimulationServices:
     Args:
         node: Offers the services.
         simulation: State and world of the simulation.
-        renderer: Renders where an entity is put.
+        render_queue: Renders where an entity is put.
         settings: Returns the bridge's parameters.
     """
 
@@ -87,14 +87,14 @@ class SimulationServices:
         self,
         node: Node,
         simulation: SimulationControl,
-        renderer: Renderer,
+        render_queue: RenderQueue,
         settings: Settings,
     ) -> None:
         self._simulation = simulation
         node.create_service(
             srv.GetSimulatorFeatures, "~/get_simulator_features", self._on_get_features
         )
-        EntityServices(node, simulation, renderer, settings)
+        EntityServices(node, simulation, render_queue, settings)
         offer_services(
             node,
             {

@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import Pose, SimulatorInfo
-from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import Cancellation, ViewRequest
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
@@ -44,12 +44,12 @@ class SimulationControl:
     one sample, and the rig is where it was put.
 
     Args:
-        renderer: Renders, and refuses while the simulation is paused.
+        render_queue: Renders, and refuses while the simulation is paused.
         topics: Whose clock a reset sets back.
     """
 
-    def __init__(self, renderer: Renderer, topics: WorldTopics) -> None:
-        self._renderer = renderer
+    def __init__(self, render_queue: RenderQueue, topics: WorldTopics) -> None:
+        self._render_queue = render_queue
         self._topics = topics
         self._lock = threading.Lock()
         self._mode = PLAYING
@@ -63,7 +63,7 @@ class SimulationControl:
         Raises:
             NotReadyError: There is no simulator.
         """
-        link = self._renderer.configured_link()
+        link = self._render_queue.configured_link()
         if link.building:
             return LOADING_WORLD
         if self._mode == QUITTING and link.state.info is None:
@@ -77,16 +77,16 @@ class SimulationControl:
         built, info = self._built, self.info()
         if built is not None and built.batch_id == info.batch_id and built.request.seed is not None:
             return built.request.seed
-        return self._renderer.seed_of(info.batch_id)
+        return self._render_queue.seed_of(info.batch_id)
 
     @property
     def rig_pose(self) -> Pose | None:
         """Where the rig is, or will be at the next step; None: unknown."""
-        return self._next_pose or self._renderer.rig_pose
+        return self._next_pose or self._render_queue.rig_pose
 
     def info(self) -> SimulatorInfo:
         """Return the simulator's description; `NotReadyError` where there is none."""
-        return self._renderer.configured_link().info
+        return self._render_queue.configured_link().info
 
     def resume(self) -> None:
         """Render all requests again."""
@@ -114,7 +114,7 @@ class SimulationControl:
 
     def quit(self) -> None:
         """End the simulator."""
-        link = self._renderer.configured_link()
+        link = self._render_queue.configured_link()
         self._enter(QUITTING)  # until the bridge has noticed that it is gone
         link.end_simulation()
 
@@ -133,15 +133,15 @@ class SimulationControl:
             raise NotReadyError(f"the simulation is {STATE_NAMES[state]}: pause it to step it")
         pose = self._next_pose
         where = None if pose is None else pose_to_stamped_msg(pose, Header())
-        self._renderer.render(ViewRequest(where, is_step=True), cancellation)
+        self._render_queue.render(ViewRequest(where, is_step=True), cancellation)
         self._next_pose = None
 
     def build(self, request: WorldRequest) -> int:
         """Build a world and return its batch id."""
-        batch_id = self._renderer.configured_link().step_batch(
+        batch_id = self._render_queue.configured_link().step_batch(
             seed=request.seed, reuse_stage=request.reuse_stage, metadata=request.metadata
         )
-        self._renderer.forget_world()
+        self._render_queue.forget_world()
         self._next_pose = None
         self._built = _BuiltWorld(batch_id, request)
         return batch_id
@@ -149,7 +149,7 @@ class SimulationControl:
     def load(self, request: WorldRequest) -> None:
         """Build a world; the simulation is stopped then."""
         self.build(request)
-        self._renderer.metadata.clear()
+        self._render_queue.metadata.clear()
         self._enter(STOPPED)
 
     def restart(self) -> None:
@@ -169,7 +169,7 @@ class SimulationControl:
             request = built.request if built is not None and known else WorldRequest()
             # The same seed would make the same ground, so that is kept.
             self.build(replace(request, seed=seed, reuse_stage=True))
-        self._renderer.metadata.clear()
+        self._render_queue.metadata.clear()
         self.restart_clock()
 
     @property
@@ -186,6 +186,6 @@ class SimulationControl:
             self._mode = mode
             paused = mode in (PAUSED, STOPPED)
             name = STATE_NAMES[mode]
-            self._renderer.paused_reason = (
+            self._render_queue.paused_reason = (
                 f"the simulation is {name}: step it, or set its state to playing" if paused else ""
             )

@@ -28,7 +28,7 @@ from oaisys_ros_bridge.subscribing.transforms import FrameBuffer
 COLOR_WAIT_S = 2.0
 """How long after the end of its sample a depth image waits for colour; then it is fused grey."""
 
-MOST_WITHOUT_POSE = 32
+MAX_WITHOUT_POSE = 32
 """Frames that may wait for their transform; then the oldest are dropped."""
 
 INCOMPLETE = "depth images without camera, or of no sample"
@@ -110,7 +110,7 @@ class FrameAssembler:
         if complete is not None:
             self._go_on(stamp_ns, complete)
         self._ended_s[stamp_ns] = now_s
-        while len(self._ended_s) > MOST_WITHOUT_POSE:
+        while len(self._ended_s) > MAX_WITHOUT_POSE:
             del self._ended_s[min(self._ended_s)]
         self.give_up_color(now_s, samples_are_announced=True)
 
@@ -135,7 +135,7 @@ class FrameAssembler:
 
     def _go_on(self, stamp_ns: int, messages: dict[str, Any]) -> None:
         self._without_pose[stamp_ns] = messages
-        while len(self._without_pose) > MOST_WITHOUT_POSE:
+        while len(self._without_pose) > MAX_WITHOUT_POSE:
             oldest_ns = min(self._without_pose)
             del self._without_pose[oldest_ns]
             self._without_pose_lost += 1

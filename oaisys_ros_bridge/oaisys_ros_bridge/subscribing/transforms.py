@@ -11,9 +11,9 @@ from oaisys_core.types import FloatArray
 
 HISTORY = 256
 """Different poses in a row that are kept of each moving frame."""
-MOST_STAMPS = 65_536
+MAX_STAMPS = 65_536
 """Stamps that are kept of each moving frame: a repeated pose has many."""
-MOST_FRAMES = 10_000
+MAX_FRAMES = 10_000
 """Frames that are kept, fixed and moving ones; further names are refused."""
 
 
@@ -35,7 +35,7 @@ class _FrameHistory:
             newest = self._newest = (parent, T_parent_child)
             self._moves += 1
         self._poses[stamp_ns] = newest
-        while self._moves > HISTORY or len(self._poses) > MOST_STAMPS:
+        while self._moves > HISTORY or len(self._poses) > MAX_STAMPS:
             _, oldest = self._poses.popitem(last=False)
             self._moves -= next(iter(self._poses.values())) is not oldest
 
@@ -72,8 +72,8 @@ class FrameBuffer:
 
     def _require_room(self, child: str) -> None:
         known = child in self._static or child in self._moving
-        if not known and len(self._static) + len(self._moving) >= MOST_FRAMES:
-            raise InvalidInputError("child_frame_id", child, f"at most {MOST_FRAMES} frames")
+        if not known and len(self._static) + len(self._moving) >= MAX_FRAMES:
+            raise InvalidInputError("child_frame_id", child, f"at most {MAX_FRAMES} frames")
 
     def lookup(self, target: str, source: str, stamp_ns: int) -> FloatArray | None:
         """Return ``T_target_source`` (4, 4) at a stamp; None if it is not known (yet).

@@ -12,8 +12,8 @@ from oaisys_core.cli.metadata_file import load_steps
 from oaisys_core.config import load_config
 from oaisys_core.errors import ConfigError, InvalidInputError, quoted
 from oaisys_core.files.documents import (
-    MOST_DEPTH,
-    MOST_TEXT_BYTES,
+    MAX_DEPTH,
+    MAX_TEXT_BYTES,
     DocumentError,
     parse_json,
     parse_yaml,
@@ -39,7 +39,7 @@ HOSTILE = {
     "digits": "seed: " + "1" * 100_000,
     "base 60": "seed: 1" + ":59" * 300_000,
     "a date that is none": "seed: 2001-99-99",
-    "its size": "# " + "x" * MOST_TEXT_BYTES,
+    "its size": "# " + "x" * MAX_TEXT_BYTES,
 }
 
 
@@ -70,7 +70,7 @@ def test_ordinary_aliases_and_merges_are_replaced() -> None:
     ids=["open", "objects", "lists"],
 )
 def test_nested_json_is_refused(text: str) -> None:
-    with pytest.raises(DocumentError, match=f"nested more than {MOST_DEPTH} times"):
+    with pytest.raises(DocumentError, match=f"nested more than {MAX_DEPTH} times"):
         parse_json(text)
 
 

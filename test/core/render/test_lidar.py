@@ -19,11 +19,11 @@ from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.render.lidar import beam, rays_in_map
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.scene import LidarErrors, PlacedLidar, ScanPattern, Scene
-from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.types import FloatArray, LidarScan
 from oaisys_core.world.modules.lidars import ConstantVelocity
 
-SHOT = Shot(1, 1, "lidar")
+CAPTURE = CaptureId(1, 1, "lidar")
 GROUND_M, HALF_M = 0.25, 20.0
 """Height and half edge of `flat_world`'s ground."""
 
@@ -39,10 +39,10 @@ def lidar(T_map_lidar: FloatArray = TURNED, **changes: object) -> PlacedLidar:
     return replace(placed, **changes)  # type: ignore[arg-type]
 
 
-def scanned(scene: Scene, placed: PlacedLidar, shot: Shot = SHOT) -> LidarScan:
+def scanned(scene: Scene, placed: PlacedLidar, capture: CaptureId = CAPTURE) -> LidarScan:
     backend = AnalyticBackend()
     backend.build(scene, lambda _: None)
-    return backend.scan(placed, shot)
+    return backend.scan(placed, capture)
 
 
 def plain() -> Scene:
@@ -239,7 +239,7 @@ def test_range_noise_is_seeded_and_has_the_configured_deviation() -> None:
     assert error_m.std() == pytest.approx(0.02, rel=0.1)
     assert abs(error_m.mean()) < 0.003
     same, other = (
-        scanned(plain(), lidar(errors=errors), Shot(1, sample, "lidar")) for sample in (1, 2)
+        scanned(plain(), lidar(errors=errors), CaptureId(1, sample, "lidar")) for sample in (1, 2)
     )
     np.testing.assert_array_equal(same.data, noisy.data)
     assert (ranges_m(other) != ranges_m(noisy)).all()
@@ -294,7 +294,7 @@ def test_64_channels_of_1024_steps_take_a_tenth_of_a_second_of_processor_time() 
     seconds = []
     for _ in range(5):
         before_s = time.process_time()
-        scan = backend.scan(placed, SHOT)
+        scan = backend.scan(placed, CAPTURE)
         seconds.append(time.process_time() - before_s)
     assert len(scan.data) > 30_000
     load_factor = 3

@@ -14,7 +14,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.output.reader import read_sample
 from oaisys_core.output.writer import SampleWriter
-from oaisys_core.sensing.faults import DepthFaults, PoseDrift, Shot, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, PoseDrift, measured_frame
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Sample
 
@@ -51,8 +51,8 @@ def images(sample: Sample) -> dict[tuple[str, str], bytes]:
 
 
 def expected(frame: Frame, faults: DepthFaults, sample: Sample) -> bytes:
-    shot = Shot(sample.batch_id, sample.sample_id, frame.sensor)
-    return measured_frame(frame, faults, shot).data.tobytes()
+    capture = CaptureId(sample.batch_id, sample.sample_id, frame.sensor)
+    return measured_frame(frame, faults, capture).data.tobytes()
 
 
 def test_frames_have_the_noise_of_their_sample_and_sensor() -> None:

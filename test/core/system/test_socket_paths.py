@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.system.socket_paths import MOST_PATH_BYTES, fits, socket_parent
+from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits, socket_parent
 from oaisys_dataset.ray_session import FOLDER, LONGEST_SOCKET_BYTES
 
 BELOW_BYTES = len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES
@@ -24,14 +24,14 @@ def test_for_every_length_of_tmpdir_a_socket_fits(
     monkeypatch.setattr("oaisys_core.system.socket_paths._is_usable", lambda _: True)
     monkeypatch.setattr(tempfile, "tempdir", str(parent))
     found = socket_parent(BELOW_BYTES)
-    assert len(str(found)) + BELOW_BYTES <= MOST_PATH_BYTES
-    assert (found == parent) == (letters + BELOW_BYTES <= MOST_PATH_BYTES)
+    assert len(str(found)) + BELOW_BYTES <= MAX_PATH_BYTES
+    assert (found == parent) == (letters + BELOW_BYTES <= MAX_PATH_BYTES)
 
 
 def test_the_bound_is_the_kernel_s(tmp_path: Path) -> None:
     folder = Path(tempfile.mkdtemp(prefix="s", dir="/tmp"))
     try:
-        longest = MOST_PATH_BYTES - len(f"{folder}/")
+        longest = MAX_PATH_BYTES - len(f"{folder}/")
         for letters, is_taken in ((longest, True), (longest + 1, False)):
             path = folder / ("s" * letters)
             assert fits(path) == is_taken

@@ -26,7 +26,7 @@ def test_all_that_is_in_a_part_of_the_image_is_among_those_seen(
     monkeypatch: pytest.MonkeyPatch, most: int, at_once: int
 ) -> None:
     """Points of triangles are projected one by one; most triangles elsewhere are left out."""
-    monkeypatch.setattr(triangle_groups, "MOST_TRIANGLES", most)
+    monkeypatch.setattr(triangle_groups, "MAX_TRIANGLES", most)
     monkeypatch.setattr(triangle_groups, "TRIANGLES_AT_ONCE", at_once)
     rng = np.random.default_rng(4)
     vertices_m, triangles = objects(rng)

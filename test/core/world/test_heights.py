@@ -16,7 +16,7 @@ from oaisys_core.errors import CancelledError, InvalidInputError
 from oaisys_core.output.heights import read_heights, write_heights
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import HeightGrid, Progress
-from oaisys_core.world.height_grids import MOST_CELLS
+from oaisys_core.world.height_grids import MAX_CELLS
 
 SPHERE = {"shape": "sphere", "radius_m": 2.0, "position_m": [3.0, -1.0, 1.0]}
 
@@ -140,7 +140,7 @@ def test_a_resolution_that_makes_no_grid_is_refused(resolution_m: float) -> None
 def test_an_extent_that_is_none_is_refused(extent_m: Any) -> None:
     with pytest.raises(InvalidInputError, match="extent_m"):
         simulation(world()).height_grid(0.5, extent_m)
-    with pytest.raises(InvalidInputError, match=str(MOST_CELLS)):
+    with pytest.raises(InvalidInputError, match=str(MAX_CELLS)):
         simulation(world()).height_grid(0.5, (-1e300, -1e300, 1e300, 1e300))
 
 

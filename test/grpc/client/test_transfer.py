@@ -27,15 +27,15 @@ from oaisys_grpc.client.sample_stream import SampleStream
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.sample_messages import sample_to_messages
 from oaisys_grpc.contract.shared_memory import (
-    Place,
+    MemoryLocation,
     Probe,
     Reader,
     Segment,
     SharedMemoryError,
     copied_to_segment,
     found_token,
+    location_of,
     opened,
-    place_of,
     segment_of,
 )
 from oaisys_grpc.contract.transfer import (
@@ -43,7 +43,7 @@ from oaisys_grpc.contract.transfer import (
     Transfer,
     frame_response,
     granted,
-    place_from_proto,
+    location_from_proto,
     sample_to_parts,
     transfer_from_proto,
     transfer_to_proto,
@@ -109,7 +109,7 @@ def descriptors() -> int:
 
 
 def lies_in_shared_memory(frame: Frame) -> bool:
-    return place_of(frame.data) is not None
+    return location_of(frame.data) is not None
 
 
 @given(TRANSFERS)
@@ -203,7 +203,7 @@ def plain_stub(server: Server) -> Any:
 def test_memory_is_offered_to_none_but_those_who_read_it(server: Server) -> None:
     stub = plain_stub(server)
     info = stub.GetSimulatorInfo(pb.GetSimulatorInfoRequest())
-    place = place_from_proto(info.shared_memory_probe)
+    place = location_from_proto(info.shared_memory_probe)
     assert place.token == b""
     token = found_token(place)
     with server.client() as client:
@@ -324,11 +324,11 @@ def test_what_cannot_be_read_there_is_fetched() -> None:
     del segment
 
 
-def a_file(content: bytes = bytes(100)) -> tuple[Place, Segment]:
+def a_file(content: bytes = bytes(100)) -> tuple[MemoryLocation, Segment]:
     (array,) = copied_to_segment([np.frombuffer(content, np.uint8)])
     segment = segment_of(array)
     assert segment is not None
-    return segment.place(segment.offset_of(array)), segment
+    return segment.location(segment.offset_of(array)), segment
 
 
 def test_a_file_neither_changes_nor_shrinks() -> None:
@@ -375,8 +375,8 @@ def test_nothing_else_is_taken_for_shared_memory(tmp_path: Path) -> None:
 
 def test_a_probe_is_proved_by_its_content_alone() -> None:
     probe = Probe()
-    assert probe.place.token == b""
-    assert probe.proves(found_token(probe.place))
+    assert probe.location.token == b""
+    assert probe.proves(found_token(probe.location))
     assert not probe.proves(b"")
     assert not probe.proves(bytes(32))
 
@@ -406,7 +406,7 @@ def test_large_files_are_copied_rather_than_kept() -> None:
     reader = Reader(max_bytes=5000)
     place, segment = a_file(bytes(range(250)) * 40)
     array = reader.read(place, 10_000, {})
-    assert place_of(array) is None
+    assert location_of(array) is None
     assert array.tobytes() == bytes(range(250)) * 40
     del segment
 

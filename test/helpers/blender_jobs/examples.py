@@ -11,9 +11,9 @@ import bpy  # noqa: F401
 from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.simulation import Simulation
 
-MOST_GRID_PX = 257
-MOST_ROCKS = 30
-MOST_VARIANTS = 3
+MAX_GRID_PX = 257
+MAX_ROCKS = 30
+MAX_VARIANTS = 3
 
 
 def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
@@ -24,12 +24,12 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 def small(config: SimulationConfig) -> SimulationConfig:
     """Return the configuration, small: ground, number of rocks, images and samples per pixel."""
     data = adjusted(config, size="64x48", quality="preview").model_dump()
-    data["stage"]["resolution_px"] = min(config.stage.resolution_px, MOST_GRID_PX)
+    data["stage"]["resolution_px"] = min(config.stage.resolution_px, MAX_GRID_PX)
     data["materials"]["texture_size_px"] = 128
     data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)
     for rocks in data["assets"]["rocks"]:
-        rocks["count"] = [min(count, MOST_ROCKS) for count in rocks["count"]]
-        rocks["variants"] = min(rocks["variants"], MOST_VARIANTS)
+        rocks["count"] = [min(count, MAX_ROCKS) for count in rocks["count"]]
+        rocks["variants"] = min(rocks["variants"], MAX_VARIANTS)
     return SimulationConfig.model_validate(data)
 
 

@@ -14,7 +14,7 @@ from oaisys_core.render.base import Backend
 from oaisys_core.render.blender import BlenderBackend
 from oaisys_core.render.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
-from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, LidarScan, Progress
 
@@ -52,11 +52,11 @@ def scans(
     """Scans and images of a world; the last scan again, and the processor time it then takes."""
     backend: Backend = BlenderBackend()
     backend.build(scene, ignore)
-    found = [backend.scan(lidar, Shot(1, 1, lidar.name)) for lidar in lidars]
+    found = [backend.scan(lidar, CaptureId(1, 1, lidar.name)) for lidar in lidars]
     frames = backend.render_all(cameras, settings(), ignore)
     seconds = []
     for _ in range(5):
         before_s = time.process_time()
-        again = backend.scan(lidars[-1], Shot(1, 1, lidars[-1].name))
+        again = backend.scan(lidars[-1], CaptureId(1, 1, lidars[-1].name))
         seconds.append(time.process_time() - before_s)
     return found, frames, again, min(seconds)

@@ -20,7 +20,7 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.srv import SetMetadata, StepBatch
 from oaisys_ros_bridge.bridge.requests import (
-    MOST_POSES,
+    MAX_POSES,
     json_object,
     metadata_of_module,
     metadata_of_modules,
@@ -172,7 +172,7 @@ def test_a_giant_sweep_is_refused_and_its_memory_given_back(stage: Stage, number
     goal = user.wait_until(client.send_goal_async(Sweep.Goal(poses=array)).result, START_PATIENCE_S)
     result = user.wait_until(goal.get_result_async().result, START_PATIENCE_S).result
     assert not result.success
-    assert f"received '{number} poses', expected at most {MOST_POSES}" in result.message
+    assert f"received '{number} poses', expected at most {MAX_POSES}" in result.message
     # Of the message, the middleware keeps its buffers; the objects that were made of it are gone.
     kept_mb = 60 + number * KEPT_BYTES_OF_A_POSE / 1e6
     user.wait_until(lambda: memory_mb(bridge.process.pid) < before_mb + kept_mb)

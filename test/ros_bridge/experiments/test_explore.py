@@ -21,7 +21,7 @@ from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
 from oaisys_ros_bridge.bridge.requests import poses_of_trajectory
 from oaisys_ros_bridge.conversions import pose_from_msg
 from oaisys_ros_bridge.experiments.explore.exploration import (
-    MOST_REFUSALS,
+    MAX_REFUSALS,
     ExplorationLimits,
     explore,
 )
@@ -186,7 +186,7 @@ def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
     planner = Listed(*steps)
     with pytest.raises(RenderError, match="never"):
         explored(planner, never)
-    assert len(steps) - len(planner.poses) == MOST_REFUSALS
+    assert len(steps) - len(planner.poses) == MAX_REFUSALS
 
 
 def test_the_way_that_is_flown_ends_at_the_view_and_is_level():

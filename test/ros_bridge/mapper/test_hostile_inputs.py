@@ -23,7 +23,7 @@ from oaisys_ros_bridge.clouds import cloud_from_msg
 from oaisys_ros_bridge.conversions import image_to_msg, intrinsics_to_msg
 from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
-from oaisys_ros_bridge.subscribing.transforms import MOST_FRAMES, FrameBuffer
+from oaisys_ros_bridge.subscribing.transforms import MAX_FRAMES, FrameBuffer
 
 FLOATS = (float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 1e19, 5e-324, 0.0, -1.0)
 SIZES = (0, 1, 2**15, 2**31, 2**32 - 1)
@@ -159,10 +159,10 @@ def test_no_message_ends_the_mapper(kind: str) -> None:
 def test_transforms_of_ever_new_frames_end_at_a_bound() -> None:
     """Each name was kept for good."""
     frames = FrameBuffer()
-    for number in range(MOST_FRAMES):
+    for number in range(MAX_FRAMES):
         frames.set_at(1, "map", f"frame{number}", np.eye(4))
     for add in (frames.set_static, lambda *given: frames.set_at(2, *given)):
-        with pytest.raises(InvalidInputError, match=f"at most {MOST_FRAMES} frames"):
+        with pytest.raises(InvalidInputError, match=f"at most {MAX_FRAMES} frames"):
             add("map", "another", np.eye(4))
     frames.set_at(2, "map", "frame0", np.eye(4))
 

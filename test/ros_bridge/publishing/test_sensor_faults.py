@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.config import config_from_mapping
 from oaisys_core.sensing.faults import (
     NOISE_LAWS,
+    CaptureId,
     DepthFaults,
     NoiseLaw,
     PoseDrift,
-    Shot,
     drift_covariance,
     measured_depth,
     measured_frame,
@@ -29,7 +29,7 @@ from oaisys_ros_bridge.publishing.sample_publisher import depth_faults
 
 SHAPE = (240, 320)
 FX_PX = 541.14
-SHOT = Shot(1, 1, "camera")
+CAPTURE = CaptureId(1, 1, "camera")
 UNLIKELY = 1e-6
 """Smallest probability that a test of a true hypothesis may find; draws are fixed by seeds."""
 
@@ -38,14 +38,14 @@ def flat(depth_m: float) -> np.ndarray:
     return np.full(SHAPE, depth_m, np.float32)
 
 
-def measured(depth_m: float, faults: DepthFaults, shot: Shot = SHOT) -> np.ndarray:
-    return measured_depth(flat(depth_m), FX_PX, faults, shot).astype(np.float64).ravel()
+def measured(depth_m: float, faults: DepthFaults, capture: CaptureId = CAPTURE) -> np.ndarray:
+    return measured_depth(flat(depth_m), FX_PX, faults, capture).astype(np.float64).ravel()
 
 
 def test_without_faults_an_image_is_what_it_was() -> None:
     depth_m = flat(3.0)
 
-    assert measured_depth(depth_m, FX_PX, DepthFaults(seed=9), SHOT) is depth_m
+    assert measured_depth(depth_m, FX_PX, DepthFaults(seed=9), CAPTURE) is depth_m
 
 
 def test_parameters_offer_all_laws_and_no_fault_by_default() -> None:
@@ -67,7 +67,7 @@ def test_parameters_offer_all_laws_and_no_fault_by_default() -> None:
 def test_truth_is_left_alone(noise: NoiseLaw) -> None:
     depth_m = flat(3.0)
 
-    measured_depth(depth_m, FX_PX, DepthFaults(noise=noise, missing_ratio=0.5), SHOT)
+    measured_depth(depth_m, FX_PX, DepthFaults(noise=noise, missing_ratio=0.5), CAPTURE)
 
     assert (depth_m == 3.0).all()
 
@@ -115,7 +115,7 @@ def test_a_kinect_errs_with_the_square_of_depth() -> None:
         # Rows of one depth each: who looks aside along a row sees the same.
         image_m = np.broadcast_to(ramp_m.reshape(SHAPE).mean(axis=1, keepdims=True), SHAPE)
         found_m = measured_depth(
-            np.ascontiguousarray(image_m), FX_PX, DepthFaults(seed=5, noise="kinect"), SHOT
+            np.ascontiguousarray(image_m), FX_PX, DepthFaults(seed=5, noise="kinect"), CAPTURE
         )
         sigma_m = (found_m - image_m).astype(np.float64).std()
         # What lies half a pixel beside is another depth, too: steps of the ramp, 0.1 z / 240.
@@ -128,7 +128,7 @@ def test_a_kinect_looks_beside_its_pixels() -> None:
     edge_m = flat(2.0)
     edge_m[:, 160:] = np.inf
 
-    found_m = measured_depth(edge_m, FX_PX, DepthFaults(seed=6, noise="kinect"), SHOT)
+    found_m = measured_depth(edge_m, FX_PX, DepthFaults(seed=6, noise="kinect"), CAPTURE)
 
     # The rounded shift k of N(0, 1/2) is -1 or less with probability P(N < -1/2).
     share = np.isfinite(found_m[:, 160]).mean()
@@ -141,7 +141,7 @@ def test_a_kinect_looks_beside_its_pixels() -> None:
 def test_what_is_out_of_range_is_told_as_rep_117_has_it() -> None:
     depth_m = np.array([[0.2, 0.5, 3.0, 8.0, 8.5, np.inf]], np.float32)
 
-    found_m = measured_depth(depth_m, FX_PX, DepthFaults(min_depth_m=0.5, max_depth_m=8.0), SHOT)
+    found_m = measured_depth(depth_m, FX_PX, DepthFaults(min_depth_m=0.5, max_depth_m=8.0), CAPTURE)
 
     np.testing.assert_array_equal(found_m[0], [-np.inf, 0.5, 3.0, 8.0, np.inf, np.inf])
 
@@ -172,7 +172,7 @@ def test_pixels_go_missing_one_by_one(ratio: float) -> None:
     image_m = flat(2.0)
     image_m[:100] = np.inf
 
-    missing = np.isnan(measured_depth(image_m, FX_PX, DepthFaults(missing_ratio=ratio), SHOT))
+    missing = np.isnan(measured_depth(image_m, FX_PX, DepthFaults(missing_ratio=ratio), CAPTURE))
 
     for part in (missing[:100], missing[100:]):
         assert stats.binomtest(int(part.sum()), part.size, ratio).pvalue > UNLIKELY
@@ -183,17 +183,17 @@ def test_pixels_go_missing_one_by_one(ratio: float) -> None:
 
 def test_draws_depend_on_the_shot_and_on_nothing_that_was_asked_before() -> None:
     faults = DepthFaults(seed=7, noise="quadratic", missing_ratio=0.1)
-    shots = [Shot(b, s, n) for b in (1, 2) for s in (1, 2) for n in ("left", "right")]
-    there = {shot: measured(4.0, faults, shot) for shot in shots}
-    back = {shot: measured(4.0, faults, shot) for shot in reversed(shots)}
+    captures = [CaptureId(b, s, n) for b in (1, 2) for s in (1, 2) for n in ("left", "right")]
+    there = {capture: measured(4.0, faults, capture) for capture in captures}
+    back = {capture: measured(4.0, faults, capture) for capture in reversed(captures)}
 
-    for shot in shots:
-        np.testing.assert_array_equal(there[shot], back[shot])
-        assert not np.array_equal(measured(4.0, replace(faults, seed=8), shot), there[shot])
-        for other in shots:
-            if other != shot:
-                both = np.isfinite(there[shot]) & np.isfinite(there[other])
-                r = stats.pearsonr(there[shot][both], there[other][both])
+    for capture in captures:
+        np.testing.assert_array_equal(there[capture], back[capture])
+        assert not np.array_equal(measured(4.0, replace(faults, seed=8), capture), there[capture])
+        for other in captures:
+            if other != capture:
+                both = np.isfinite(there[capture]) & np.isfinite(there[other])
+                r = stats.pearsonr(there[capture][both], there[other][both])
                 assert r.pvalue > UNLIKELY
 
 
@@ -282,7 +282,9 @@ def test_the_simulator_makes_the_noise_that_the_bridge_makes(law: NoiseLaw) -> N
     values = {row.name: row.default for row in BRIDGE}
     added = depth_faults(values | {f"faults.{k}": v for k, v in faults.items()})
     for frame in true.frames:
-        published = measured_frame(frame, added, Shot(true.batch_id, true.sample_id, "front")).data
+        published = measured_frame(
+            frame, added, CaptureId(true.batch_id, true.sample_id, "front")
+        ).data
         found = simulated.frame("front", frame.modality).data
         np.testing.assert_array_equal(published, found)
         assert (published != frame.data).any()

@@ -17,7 +17,7 @@ from oaisys_ros_bridge.conversions import image_to_msg, intrinsics_to_msg, trans
 from oaisys_ros_bridge.motion import odometry_to_msg
 from oaisys_ros_bridge.subscribing.frame_assembly import (
     COLOR_WAIT_S,
-    MOST_WITHOUT_POSE,
+    MAX_WITHOUT_POSE,
     FrameAssembler,
 )
 from oaisys_ros_bridge.subscribing.synchronizer import PENDING
@@ -186,15 +186,15 @@ def test_a_frame_of_a_sample_that_failed_is_dropped():
 def test_frames_without_a_pose_are_bounded_and_the_oldest_is_given_up():
     made = assembler(use_color=False)
     made.add_static(static_msg())
-    for stamp_ns in range(MOST_WITHOUT_POSE + 1):
+    for stamp_ns in range(MAX_WITHOUT_POSE + 1):
         made.add_image("depth", depth_msg(stamp_ns), 0.0)
         made.add_image("info", info_msg(stamp_ns), 0.0)
-    for stamp_ns in range(MOST_WITHOUT_POSE + 1):
+    for stamp_ns in range(MAX_WITHOUT_POSE + 1):
         made.add_transforms(tf_msg(stamp_ns))
 
     stamps_ns = [frame.stamp_ns for frame in iter(made.pop, None)]
 
-    assert stamps_ns == list(range(1, MOST_WITHOUT_POSE + 1))
+    assert stamps_ns == list(range(1, MAX_WITHOUT_POSE + 1))
 
 
 def test_a_frame_with_a_camera_that_folds_its_image_is_refused_once():

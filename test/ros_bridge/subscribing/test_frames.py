@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
-from oaisys_ros_bridge.subscribing.transforms import HISTORY, MOST_STAMPS, FrameBuffer
+from oaisys_ros_bridge.subscribing.transforms import HISTORY, MAX_STAMPS, FrameBuffer
 
 
 def test_a_chain_of_moving_and_fixed_frames_multiplies_from_the_root():
@@ -59,7 +59,7 @@ def test_a_pose_that_is_repeated_pushes_out_no_other():
     assert found is not None
     np.testing.assert_array_equal(found, moved)
 
-    for stamp_ns in range(10 * HISTORY, MOST_STAMPS + 3):
+    for stamp_ns in range(10 * HISTORY, MAX_STAMPS + 3):
         buffer.set_at(stamp_ns, "map", "base_link", moved)
     assert buffer.lookup("map", "base_link", 2) is None
 

@@ -10,7 +10,7 @@ import pytest
 from std_msgs.msg import Header
 
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt, SensorPose
-from oaisys_ros_bridge.bridge.readers import state_of
+from oaisys_ros_bridge.bridge.back_pressure import state_of
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.experiments.status import StackStatus
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode

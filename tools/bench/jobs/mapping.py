@@ -26,7 +26,7 @@ EXTENT_M = 100.0
 COLUMNS, ROWS = 6, 5
 ALTITUDE_M = 25.0
 """From here, thirty 640x480 images cover the ground, and neighbours overlap by a tenth."""
-LEAST_WEIGHT = 0.5
+MIN_WEIGHT = 0.5
 
 Images = tuple[Frame, Frame, Frame]
 """Depth, colour and labels of one view."""
@@ -143,7 +143,7 @@ class _Open3dVolume:
 
     def mesh(self) -> Any:
         """Return the surface."""
-        return self._grid.extract_triangle_mesh(LEAST_WEIGHT)
+        return self._grid.extract_triangle_mesh(MIN_WEIGHT)
 
 
 def _ms(action: Callable[[], object]) -> float:

@@ -17,7 +17,7 @@ from oaisys_core.types import FloatArray, HeightGrid
 
 CLEARANCE_M = 0.22
 """Objects taller than this are driven around."""
-MOST_SLOPE_DEG = 20.0
+MAX_SLOPE_DEG = 20.0
 RADIUS_M = 1.5
 """Least distance from what cannot be driven over."""
 STEP_M = 2.0
@@ -67,7 +67,7 @@ def free_ground(grid: HeightGrid) -> FreeGround:
     """
     cell_m, ground_m = grid.spacing_m, np.asarray(grid.ground_m, dtype=np.float64)
     rise_y, rise_x = np.gradient(ndimage.gaussian_filter(ground_m, 0.6 / cell_m), cell_m)
-    blocked = np.degrees(np.arctan(np.hypot(rise_x, rise_y))) > MOST_SLOPE_DEG
+    blocked = np.degrees(np.arctan(np.hypot(rise_x, rise_y))) > MAX_SLOPE_DEG
     blocked |= np.asarray(grid.surface_m) - ground_m > CLEARANCE_M
     blocked |= ~np.isfinite(ground_m)
     edge = int(np.ceil(RADIUS_M / cell_m)) + 4

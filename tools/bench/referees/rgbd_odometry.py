@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.types import FloatArray, Frame
 from tools.bench.referees.module_process import printed_json
 
-MOST_DEPTH_M = 60.0
-MOST_STEP_M = 0.5
+MAX_DEPTH_M = 60.0
+MAX_STEP_M = 0.5
 """Difference of two depths above which pixels are not taken for the same point."""
 
 
@@ -89,7 +89,7 @@ def _picture(colour: Any, depth_m: Any) -> Any:
         open3d.geometry.Image(np.ascontiguousarray(colour)),
         open3d.geometry.Image(depth),
         depth_scale=1.0,
-        depth_trunc=MOST_DEPTH_M,
+        depth_trunc=MAX_DEPTH_M,
         convert_rgb_to_intensity=True,
     )
 
@@ -108,7 +108,7 @@ def _moved(before: Any, after: Any, camera: Any) -> tuple[bool, FloatArray]:
     import open3d
 
     odometry = open3d.pipelines.odometry
-    option = odometry.OdometryOption(depth_diff_max=MOST_STEP_M, depth_max=MOST_DEPTH_M)
+    option = odometry.OdometryOption(depth_diff_max=MAX_STEP_M, depth_max=MAX_DEPTH_M)
     succeeded, T, _ = odometry.compute_rgbd_odometry(
         before,
         after,

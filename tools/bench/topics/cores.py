@@ -14,7 +14,7 @@ from tools.bench.settings import Say, Settings, say_of_part
 QUALITIES = ("geometry", "preview", "standard")
 SERIAL_PERCENT = {"preview": 25.0}
 EXPECTED_CORES = (8, 16)
-LEAST_CAPACITY = 1.2
+MIN_CAPACITY = 1.2
 
 Turns = Sequence[Mapping[str, Any]]
 """What the job ``cores.timed`` returned in each turn."""
@@ -46,7 +46,7 @@ def core_figures(one: Turns, all_: Turns, cores: int) -> list[Figure]:
     sampling_one_s, sampling_all_s = _values(one, "sampling_s"), _values(all_, "sampling_s")
     capacity = median(sampling_one_s) / median(sampling_all_s)
     note = f"times as fast {cores} cores only sample the frozen scene; {cores} if they were whole"
-    if capacity < LEAST_CAPACITY:
+    if capacity < MIN_CAPACITY:
         note += "; other programs used them, so the shares below mean nothing"
     figures = [figure("cores_capacity", "x", [capacity], note=note)]
     for quality in QUALITIES:

@@ -21,7 +21,7 @@ PREPARE_PERCENT = 5.0
 BUDGETS_S = [1.0, 2.0, 4.0]
 WITHIN = 15.0
 
-LEAST_PERCENT = 99.95
+MIN_PERCENT = 99.95
 
 
 def batches(settings: Settings, say: Say) -> list[Figure]:
@@ -115,7 +115,7 @@ def equality(settings: Settings, say: Say) -> list[Figure]:
     found = run_job("equality.shares", settings, say)
     equal = [percent for each in found.values() for percent in each["equal_percent"]]
     off = sum(count for each in found.values() for count in each["unequal_off_edges"])
-    goal = Goal(LEAST_PERCENT, at_least=True)
+    goal = Goal(MIN_PERCENT, at_least=True)
     note = "of depth, semantic_0 and instance together"
     return [
         figure("equal_pixels", "%", equal, goal, note),

@@ -13,7 +13,7 @@ from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
 
 PROCESSES_PER_RUN = 6
-MOST_BUSY = 2
+MAX_BUSY = 2
 """Busy loops beside every third process, which changes the order in which threads work."""
 
 
@@ -23,7 +23,7 @@ def run(settings: Settings, say: Say) -> list[Figure]:
     digests: dict[str, Counter[str]] = {}
     for index in range(count):
         tell = say_of_part(say, index, count, f"process {index + 1} of {count}")
-        with _busy(index % (MOST_BUSY + 1)):
+        with _busy(index % (MAX_BUSY + 1)):
             found: dict[str, list[str]] = run_job("reproducibility.pictures", settings, tell)
         for quality, those in found.items():
             digests.setdefault(quality, Counter()).update(those)

@@ -28,11 +28,11 @@ BANDS = 24
 COARSE_SHARE = 0.04
 """Standard deviation, as a share of the width, of the blur that hides what does not repeat."""
 
-LEAST_LAG_PX, LEAST_OVERLAP = 6, 0.25
-LEAST_LAND_SHARE = 0.05
+MIN_LAG_PX, MIN_OVERLAP = 6, 0.25
+MIN_LAND_SHARE = 0.05
 """Share of a picture that must be land; without it, there are no figures of land."""
 
-LEAST_HORIZON_SHARE = 0.3
+MIN_HORIZON_SHARE = 0.3
 """Share of the columns in which a horizon must be seen."""
 
 DARK_LUMINANCE = 1e-3
@@ -95,7 +95,7 @@ def picture_figures(image: Image, is_sky: Mask, is_object: Mask) -> dict[str, fl
     found["white"] = float(np.mean(luma >= BRIGHTEST))
     found["slope"] = spectral_slope(luminance)
     found["horizon"] = horizon_rms_px(is_sky, is_object)
-    if land.mean() >= LEAST_LAND_SHARE:
+    if land.mean() >= MIN_LAND_SHARE:
         low, high = np.percentile(luma[land] / 255.0, (5, 95))
         found |= {"p5": float(low), "p95": float(high)}
         found["black"] = float(np.mean(luma[land] <= DARKEST))
@@ -138,7 +138,7 @@ def repetition_peak(luminance: FloatArray, land: Mask) -> float:
     """Return the highest peak of the land's autocorrelation beside the centre, 1 for exact tiles.
 
     What is coarser than `COARSE_SHARE` of the width is taken away, each shift is normalised by the
-    land that overlaps, and shifts of less than `LEAST_OVERLAP` of it are not counted.
+    land that overlaps, and shifts of less than `MIN_OVERLAP` of it are not counted.
     """
     weight = land.astype(np.float64)
     sigma = COARSE_SHARE * luminance.shape[1]
@@ -158,7 +158,7 @@ def repetition_peak(luminance: FloatArray, land: Mask) -> float:
     rows, columns = np.indices(correlation.shape, sparse=True)
     lag_px = np.hypot(rows - middle[0], columns - middle[1])
     highest = cv2.dilate(correlation, np.ones((5, 5), np.uint8))
-    peaks = (correlation >= highest) & (lag_px >= LEAST_LAG_PX) & (overlap >= LEAST_OVERLAP)
+    peaks = (correlation >= highest) & (lag_px >= MIN_LAG_PX) & (overlap >= MIN_OVERLAP)
     return float(max(0.0, correlation[peaks].max(initial=0.0)))
 
 
@@ -190,7 +190,7 @@ def horizon_rms_px(is_sky: Mask, is_object: Mask) -> float | None:
     below = np.argmax(~is_sky, axis=0)
     columns = np.arange(width)
     seen = (below > 0) & ~is_sky.all(axis=0) & ~is_object[np.minimum(below, height - 1), columns]
-    if seen.mean() < LEAST_HORIZON_SHARE:
+    if seen.mean() < MIN_HORIZON_SHARE:
         return None
     x, y = columns[seen].astype(float), below[seen].astype(float)
     residual = y - np.polyval(np.polyfit(x, y, 1), x)

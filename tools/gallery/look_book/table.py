@@ -17,7 +17,7 @@ from tools.gallery.look_book.rendering import LookPicture, write_jpeg
 TILE_PX = (240, 180)
 CAPTION_PX = 16
 COLUMNS = 8
-MOST_SHEET_BYTES = 400_000
+MAX_SHEET_BYTES = 400_000
 UNLIMITED = 1e6
 
 
@@ -39,7 +39,7 @@ def write_json(path: Path, pictures: Sequence[LookPicture]) -> None:
 
 
 def write_sheet(path: Path, folder: Path, pictures: Sequence[LookPicture]) -> None:
-    """Write a contact sheet of at most `MOST_SHEET_BYTES`; empty tiles are "not possible"."""
+    """Write a contact sheet of at most `MAX_SHEET_BYTES`; empty tiles are "not possible"."""
     width, height = TILE_PX
     rows = -(-len(pictures) // COLUMNS)
     sheet = np.full((rows * (height + CAPTION_PX), COLUMNS * width, 3), 255, np.uint8)
@@ -50,7 +50,7 @@ def write_sheet(path: Path, folder: Path, pictures: Sequence[LookPicture]) -> No
         _write(sheet, caption, (x + 3, y + height + 12), (40, 40, 40))
     for quality in range(88, 30, -6):
         write_jpeg(path, sheet, quality)
-        if path.stat().st_size <= MOST_SHEET_BYTES:
+        if path.stat().st_size <= MAX_SHEET_BYTES:
             break
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from oaisys_core.config.section import (
-    MOST_M,
+    MAX_M,
     Labelled,
     Position,
     Positive,
@@ -21,7 +21,7 @@ from oaisys_core.config.section import (
 from oaisys_core.config.sections.groups import Count, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, unit_quaternion
 
-MOST_GROUPS, MOST_OBJECTS = 1000, 2500
+MAX_GROUPS, MAX_OBJECTS = 1000, 2500
 """Largest numbers, so that each has its own instance ids."""
 
 
@@ -61,8 +61,8 @@ class RockGroupConfig(Labelled):
     @field_validator("size_m")
     @classmethod
     def _positive(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if value[0] <= 0 or value[1] > MOST_M:
-            raise ValueError(f"expected sizes above 0 and at most {MOST_M:g} m")
+        if value[0] <= 0 or value[1] > MAX_M:
+            raise ValueError(f"expected sizes above 0 and at most {MAX_M:g} m")
         return value
 
 
@@ -136,9 +136,9 @@ class AssetsConfig(Section):
         RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4)),
     )
     primitives: tuple[PrimitiveConfig, ...] = ()
-    groups: tuple[GroupConfig, ...] = Field(default=(), max_length=MOST_GROUPS)
-    objects: tuple[ObjectConfig, ...] = Field(default=(), max_length=MOST_OBJECTS)
-    movers: tuple[MoverConfig, ...] = Field(default=(), max_length=MOST_OBJECTS)
+    groups: tuple[GroupConfig, ...] = Field(default=(), max_length=MAX_GROUPS)
+    objects: tuple[ObjectConfig, ...] = Field(default=(), max_length=MAX_OBJECTS)
+    movers: tuple[MoverConfig, ...] = Field(default=(), max_length=MAX_OBJECTS)
     rock_texture: str = "rock"
     rock_tile_m: Positive = 1.6
 

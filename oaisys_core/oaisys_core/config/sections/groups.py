@@ -13,10 +13,10 @@ from oaisys_core.config.section import Positive, PositiveRange, Range
 from oaisys_core.config.sections.density import DensityConfig
 from oaisys_core.config.sections.objects import Fraction, Name, ShapedConfig
 
-MOST_INSTANCES = 1_000_000
+MAX_INSTANCES = 1_000_000
 """Largest number of instances of a group, including factors from metadata."""
 
-Count = Annotated[int, Field(ge=0, le=MOST_INSTANCES)]
+Count = Annotated[int, Field(ge=0, le=MAX_INSTANCES)]
 
 
 class GroupConfig(ShapedConfig):

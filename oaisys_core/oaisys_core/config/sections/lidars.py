@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import MOST_M, Position, Positive, Section, is_unit_quaternion
+from oaisys_core.config.section import MAX_M, Position, Positive, Section, is_unit_quaternion
 from oaisys_core.files.path_fields import ConfigFile
 
 MAX_RAYS = 4_000_000
@@ -204,9 +204,9 @@ class LidarConfig(Section):
     scan: AnyScan = RotatingScanConfig()
     period_s: float = Field(default=0.1, ge=1e-6, le=3600)
     sweep_share: float = Field(default=0.0, ge=0, le=1)
-    min_range_m: float = Field(default=0.5, ge=0, le=MOST_M)
-    max_range_m: Annotated[Positive, Field(le=MOST_M)] = 120.0
-    reference_range_m: Annotated[Positive, Field(le=MOST_M)] = 10.0
+    min_range_m: float = Field(default=0.5, ge=0, le=MAX_M)
+    max_range_m: Annotated[Positive, Field(le=MAX_M)] = 120.0
+    reference_range_m: Annotated[Positive, Field(le=MAX_M)] = 10.0
     beam_divergence_mrad: float = Field(default=0.0, ge=0, le=100)
     return_separation_m: Annotated[Positive, Field(le=1000)] = 0.5
     extra_fields: tuple[Literal["label", "instance"], ...] = ()

@@ -22,7 +22,7 @@ from oaisys_core.config.section import (
 )
 from oaisys_core.files.path_fields import ConfigFile
 
-MOST_ELEVATION_DEG = 89.9
+MAX_ELEVATION_DEG = 89.9
 """Limit up to which a rig that looks at a target has a defined upright orientation."""
 
 
@@ -33,8 +33,8 @@ def _not_negative(value: tuple[float, float]) -> tuple[float, float]:
 
 
 def _off_the_poles(value: tuple[float, float]) -> tuple[float, float]:
-    if value[0] < -MOST_ELEVATION_DEG or value[1] > MOST_ELEVATION_DEG:
-        raise ValueError(f"expected angles between -{MOST_ELEVATION_DEG} and {MOST_ELEVATION_DEG}")
+    if value[0] < -MAX_ELEVATION_DEG or value[1] > MAX_ELEVATION_DEG:
+        raise ValueError(f"expected angles between -{MAX_ELEVATION_DEG} and {MAX_ELEVATION_DEG}")
     return value
 
 

@@ -28,7 +28,7 @@ from oaisys_core.types import (
 
 MAX_IMAGE_SIDE_PX = 16384
 
-LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
+MIN_FOCAL, MAX_FOCAL, MAX_CENTRE = 0.01, 1000.0, 100.0
 """Bounds of focal lengths and of the principal point, in image widths."""
 
 Coefficient = Annotated[float, Field(ge=-1000, le=1000)]
@@ -123,8 +123,8 @@ class OpticsConfig(Section):
 
 def optics_bounds_px(width_px: int) -> dict[str, tuple[float, float]]:
     """Return the bounds of each field of the camera matrix, for an image width."""
-    focal = (LEAST_FOCAL * width_px, MOST_FOCAL * width_px)
-    centre = (-MOST_CENTRE * width_px, MOST_CENTRE * width_px)
+    focal = (MIN_FOCAL * width_px, MAX_FOCAL * width_px)
+    centre = (-MAX_CENTRE * width_px, MAX_CENTRE * width_px)
     return {"fx_px": focal, "fy_px": focal, "cx_px": centre, "cy_px": centre}
 
 

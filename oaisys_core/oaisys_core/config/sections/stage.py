@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from oaisys_core.config.section import MOST_M, Positive, Section, Vector3
+from oaisys_core.config.section import MAX_M, Positive, Section, Vector3
 from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.files.path_fields import ConfigFile
 
@@ -128,9 +128,9 @@ class StageConfig(Section):
     """
 
     preset: str = "mounds"
-    extent_m: float = Field(default=64.0, ge=0.01, le=MOST_M)
+    extent_m: float = Field(default=64.0, ge=0.01, le=MAX_M)
     resolution_px: int = Field(default=1025, ge=2, le=8193)
-    relief_m: float | None = Field(default=None, ge=0, le=MOST_M)
+    relief_m: float | None = Field(default=None, ge=0, le=MAX_M)
     roughness: float = Field(default=1.0, ge=0, le=10)
     dem: DemConfig | None = None
     mesh: StageMeshConfig | None = None

@@ -18,7 +18,7 @@ ASYMMETRY = 0.79
 
 GROUND_ALBEDO = 0.2
 
-LEAST_ELEVATION_RAD = radians(1.0)
+MIN_ELEVATION_RAD = radians(1.0)
 """Lower suns are treated as this one, because the model is of a flat layer."""
 
 
@@ -38,7 +38,7 @@ def shares_under_dust(
     optical_depth: float, sun_elevation_rad: float, ground_albedo: float = GROUND_ALBEDO
 ) -> SunlightShares:
     """Return the shares of sunlight under dust of an optical depth towards the zenith."""
-    up = sin(max(sun_elevation_rad, LEAST_ELEVATION_RAD))
+    up = sin(max(sun_elevation_rad, MIN_ELEVATION_RAD))
     direct = exp(-optical_depth / up)
     transmitted, reflected_down = _transmission(optical_depth, up)
     on_level = up * transmitted / (1 - ground_albedo * reflected_down)

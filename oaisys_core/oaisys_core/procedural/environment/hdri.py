@@ -22,7 +22,7 @@ SUFFIXES = (".exr", ".hdr")
 KEPT = 4
 """Number of images that stay loaded; one of 8192 x 4096 pixels takes 0.4 GB."""
 
-MOST_KEPT = 2_000_000_000
+MAX_KEPT = 2_000_000_000
 """Bytes of those that stay loaded besides the last."""
 
 BRIGHTEST = 65504.0
@@ -51,7 +51,7 @@ class SkyImages:
             radiance = read_radiance(config.file)
             self._kept[key] = SkyImage(config.file.stem, radiance, tuple(sorted(maps.items())))
         self._kept.move_to_end(key)
-        while len(self._kept) > KEPT or (self._kept_bytes() > MOST_KEPT and len(self._kept) > 1):
+        while len(self._kept) > KEPT or (self._kept_bytes() > MAX_KEPT and len(self._kept) > 1):
             self._kept.popitem(last=False)
         return self._kept[key]
 

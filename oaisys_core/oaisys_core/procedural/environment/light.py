@@ -66,7 +66,7 @@ RINGS = 32
 LAMP_DISTANCE_M = 5.0
 """Distance from lamps at which their light is compared with that of the sky at night."""
 
-MOST_GAIN = 8.0
+MAX_GAIN = 8.0
 """Largest factor on a colour channel relative to the mean, for a light without that colour."""
 
 HORIZON_BAND_RAD = radians(6.0)
@@ -148,7 +148,7 @@ def white_gains(sky: Sky, lamps: Sequence[Lamp] = ()) -> Color:
     luminance = float(illuminant @ LUMINANCE)
     if luminance <= 0:
         return (1.0, 1.0, 1.0)
-    gains = luminance / np.maximum(illuminant, luminance / MOST_GAIN)
+    gains = luminance / np.maximum(illuminant, luminance / MAX_GAIN)
     return _color(gains * luminance / (gains * illuminant @ LUMINANCE))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
 
-MOST = 1e7
+MAX_COORDINATE = 1e7
 """Largest coordinate in the file's units: float32 still resolves a metre, and areas are finite."""
 
 FAR = 8192.0
@@ -39,13 +39,13 @@ def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, f
             index without a vertex, or no triangle has an area.
     """
     with np.errstate(invalid="ignore"):
-        bad = ~(np.abs(vertices) <= MOST).all(axis=1)
+        bad = ~(np.abs(vertices) <= MAX_COORDINATE).all(axis=1)
     if bad.any():
         index = int(np.argmax(bad))
         line = line_of_bad_vertex(path)
         where = f"vertex {index}" if line is None else f"line {line}"
         numbers = ", ".join(f"{value:g}" for value in vertices[index])
-        expected = f"finite coordinates of at most {MOST:g}, not ({numbers}) in {where}"
+        expected = f"finite coordinates of at most {MAX_COORDINATE:g}, not ({numbers}) in {where}"
         raise InvalidInputError(field, str(path), expected)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise InvalidInputError(
@@ -82,10 +82,12 @@ def check_uv(uvs: Iterable[NDArray[np.float32] | None], path: Path, field: str) 
     for uv in uvs:
         if uv is None:
             continue
-        bad = ~(np.abs(uv) <= MOST).all(axis=-1)
+        bad = ~(np.abs(uv) <= MAX_COORDINATE).all(axis=-1)
         if bad.any():
             u, v = uv[bad][0]
-            expected = f"finite texture coordinates of at most {MOST:g}, not ({u:g}, {v:g})"
+            expected = (
+                f"finite texture coordinates of at most {MAX_COORDINATE:g}, not ({u:g}, {v:g})"
+            )
             raise InvalidInputError(field, str(path), expected)
 
 
@@ -119,7 +121,7 @@ def _is_bad(numbers: list[str]) -> bool:
         values = [float(number) for number in numbers]
     except ValueError:
         return False
-    return not all(abs(value) <= MOST for value in values)
+    return not all(abs(value) <= MAX_COORDINATE for value in values)
 
 
 def _has_area(vertices: FloatArray, triangles: NDArray[np.int32]) -> bool:

@@ -18,7 +18,7 @@ from oaisys_core.errors import BackendUnavailableError, InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.files.mesh_headers import (
-    MOST_VERTICES,
+    MAX_VERTICES,
     check_mesh_file,
     embedded_images,
     read_gltf,
@@ -44,10 +44,10 @@ BLEND_TIMEOUT_S = 120.0
 BLEND_REQUEST_TIMEOUT_S = 15.0
 """For one that a request names: other clients wait as long."""
 
-MOST_BLEND_BYTES = 4_000_000_000
+MAX_BLEND_BYTES = 4_000_000_000
 """Size of the arrays of a mesh."""
 
-MOST_SLOW = 64
+MAX_SLOW = 64
 LOOK_S = 0.05
 _slow: OrderedDict[tuple[Path, int, int], None] = OrderedDict()
 """Files that took too long, with their time and size: they are refused at once."""
@@ -102,8 +102,8 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
         len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
         for node in scene.graph.nodes_geometry
     )
-    if triangles > MOST_VERTICES:
-        expected = f"at most {MOST_VERTICES} triangles, not {triangles}"
+    if triangles > MAX_VERTICES:
+        expected = f"at most {MAX_VERTICES} triangles, not {triangles}"
         raise InvalidInputError(field, str(path), expected)
     parts = dict(_named_parts(scene))
     if object_name is not None:
@@ -240,8 +240,8 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
         raise outside_error(path, str(found["outside"]), field)
     if "names" in found:
         raise _no_such_object(field, object_name or "", found["names"].tolist())
-    if max(len(found["vertices_m"]), len(found["triangles"])) > MOST_VERTICES:
-        expected = f"at most {MOST_VERTICES} vertices and triangles, not {len(found['triangles'])}"
+    if max(len(found["vertices_m"]), len(found["triangles"])) > MAX_VERTICES:
+        expected = f"at most {MAX_VERTICES} vertices and triangles, not {len(found['triangles'])}"
         raise InvalidInputError(field, str(path), expected)
     check_mesh(found["vertices_m"], found["triangles"], path, field)
     check_uv([found.get("uv")], path, field)
@@ -280,7 +280,7 @@ def _read_blend(
             code = _code_of(command, output, folder, time_s)
         except subprocess.TimeoutExpired as error:
             _slow[version] = None
-            while len(_slow) > MOST_SLOW:
+            while len(_slow) > MAX_SLOW:
                 _slow.popitem(last=False)
             raise InvalidInputError(field, str(path), expected) from error
     lines = log.read_bytes()[-10_000:].decode(errors="replace").strip().splitlines()
@@ -289,7 +289,7 @@ def _read_blend(
         raise BackendUnavailableError(f"{field}: {path} needs Blender: bpy is not installed")
     if code or not out.exists():
         raise InvalidInputError(field, str(path), f"a readable .blend file ({said})")
-    return load_arrays(out, MOST_BLEND_BYTES)
+    return load_arrays(out, MAX_BLEND_BYTES)
 
 
 def _code_of(command: list[str], output: IO[bytes], folder: Path, time_s: float) -> int:

@@ -9,7 +9,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_headers import image_size
 from oaisys_core.files.images import MESH_TEXTURE
-from oaisys_core.files.mesh_headers import MOST_BYTES
+from oaisys_core.files.mesh_headers import MAX_BYTES
 from oaisys_core.files.references import referenced_file
 
 IMAGE_SUFFIXES = frozenset(
@@ -50,7 +50,7 @@ class FileReferences:
 
     def _content(self, path: Path) -> bytes:
         try:
-            return read_bytes(path, MOST_BYTES)
+            return read_bytes(path, MAX_BYTES)
         except ValueError as error:
             expected = f"a file that refers to files that can be read ({path.name}: {error})"
             raise InvalidInputError(self._field, str(self._file), expected) from error

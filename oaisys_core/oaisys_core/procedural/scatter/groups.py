@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.scatter.density import Density, make_density
+from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.placement import (
-    MOST_BURIED,
+    MAX_BURIED,
     bedding,
     leaning,
     power_law_sizes,
@@ -27,7 +28,6 @@ from oaisys_core.procedural.scatter.spacing import (
     first_come,
     pairs_too_near,
 )
-from oaisys_core.procedural.scatter.stance import footprint_of
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.scene.terrain_material import TerrainMaterial
 from oaisys_core.types import FloatArray
@@ -35,7 +35,7 @@ from oaisys_core.types import FloatArray
 ROUNDS = 24
 """Rounds of drawing positions before fewer instances are accepted."""
 
-MOST_DRAWN = 400_000
+MAX_DRAWN = 400_000
 """Largest number of positions drawn at once."""
 
 SPARE = 64
@@ -51,11 +51,11 @@ FULL = 0.01
 """Share of the missing instances that a round must place; below it, the ground is full."""
 
 
-MOST_CLASSES = 16
+MAX_CLASSES = 16
 """Largest number of size classes of a group; beyond sizes of 1 to 600, leaves vary more."""
 
 
-class Stance(NamedTuple):
+class GroundAlignment(NamedTuple):
     """How objects stand, see `GroupConfig`."""
 
     tilt_deg: float
@@ -63,18 +63,18 @@ class Stance(NamedTuple):
     sink: tuple[float, float]
 
 
-LYING = Stance(tilt_deg=18.0, align=1.0, sink=(0.15, 0.4))
-ROOTED = Stance(tilt_deg=4.0, align=0.2, sink=(0.0, 0.03))
-SPREAD = Stance(tilt_deg=0.0, align=1.0, sink=(0.0, 0.03))
+LYING = GroundAlignment(tilt_deg=18.0, align=1.0, sink=(0.15, 0.4))
+ROOTED = GroundAlignment(tilt_deg=4.0, align=0.2, sink=(0.0, 0.03))
+SPREAD = GroundAlignment(tilt_deg=0.0, align=1.0, sink=(0.0, 0.03))
 """Of stones and whatever else may lie anyhow, of plants, and of plants that are wider than high."""
 
 
-def stance_of(group: GroupConfig) -> Stance:
+def ground_alignment(group: GroupConfig) -> GroundAlignment:
     """Return how a group's objects stand: as given, or as is usual for their shape."""
     usual = ROOTED if group.shape in PLANTS else LYING
     if group.shape in MATS:
         usual = SPREAD
-    return Stance(
+    return GroundAlignment(
         usual.tilt_deg if group.tilt_deg is None else group.tilt_deg,
         usual.align if group.align is None else group.align,
         usual.sink if group.sink is None else group.sink,
@@ -129,7 +129,7 @@ def size_classes_m(group: GroupConfig) -> FloatArray:
     if group.shape not in PLANTS or group.shape in WITHOUT_ORGANS:
         return np.array([float(np.sqrt(low * high))])
     span = np.log(high / low)
-    count = int(np.clip(np.ceil(span / np.log(CLASS_RATIO) - 1e-9), 1, MOST_CLASSES))
+    count = int(np.clip(np.ceil(span / np.log(CLASS_RATIO) - 1e-9), 1, MAX_CLASSES))
     return np.asarray(low * np.exp((np.arange(count) + 0.5) / count * span))
 
 
@@ -214,7 +214,7 @@ class _PlaceSampler:
 
     def draw(self, count: int) -> FloatArray:
         """Return (N, 2) positions: at most ``count``, fewer if many of those drawn are rejected."""
-        number = min(MOST_DRAWN, int(np.ceil(count / max(self._share, SPARSEST))) + SPARE)
+        number = min(MAX_DRAWN, int(np.ceil(count / max(self._share, SPARSEST))) + SPARE)
         drawn = self._anywhere(number)
         drawn = drawn[self._rng.uniform(size=len(drawn)) < self._density(drawn)]
         drawn = drawn[slope_deg(self._ground, drawn) <= self._max_slope_deg]
@@ -261,7 +261,7 @@ def _stances(
     from scipy.spatial.transform import Rotation
 
     count = len(xy)
-    stance = stance_of(group)
+    stance = ground_alignment(group)
     yaw_rad = np.radians(rng.uniform(*group.yaw_deg, count))
     tilt_rad = np.radians(stance.tilt_deg) * rng.uniform(-1, 1, (count, 2))
     sink = rng.uniform(*stance.sink, count)
@@ -276,4 +276,4 @@ def _stances(
     lean += (1 - stance.align) * np.arctan(np.linalg.norm(slope, axis=1))
     depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
     # The whole base must be below the ground, unless it is level with the ground.
-    return rotation.as_matrix(), np.minimum(depth_m, MOST_BURIED * height_m)
+    return rotation.as_matrix(), np.minimum(depth_m, MAX_BURIED * height_m)

@@ -21,7 +21,7 @@ ROUNDS = 16
 SPARE = 3
 """Places drawn for each that is missing, if some are preferred."""
 
-MOST_BURIED = 0.8
+MAX_BURIED = 0.8
 """Largest share of an object's height below the ground, so that every object is visible."""
 
 TILT_SIZE_M, TILT_FACTORS = 0.5, (0.5, 1.6)
@@ -174,7 +174,7 @@ def _poses(
         rotation = leaning(slope) * rotation
         T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
         T_map_object[:, :2, 3] = xy
-        depth_m = np.minimum(depth_m + hollow_m, MOST_BURIED * height_share * sizes_m)
+        depth_m = np.minimum(depth_m + hollow_m, MAX_BURIED * height_share * sizes_m)
         T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
     return T_map_object
 

@@ -23,7 +23,7 @@ SCARP_DEG = (22.0, 38.0)
 REACH = 0.06
 """How far rocks roll from a scarp, as a share of the stage's edge."""
 
-LEAST = 0.3
+MIN_DENSITY = 0.3
 """Density of the least liked places, relative to the most liked ones."""
 
 
@@ -35,10 +35,10 @@ def family_density(kind: str, ground: Ground) -> Density:
         liked = _near_scarps(ground)
         highest = liked.max()
         # Without scarps, they lie anywhere.
-        liked = liked / highest if highest > LEAST else np.ones_like(liked)
+        liked = liked / highest if highest > MIN_DENSITY else np.ones_like(liked)
 
     def density(xy: FloatArray) -> FloatArray:
-        return np.asarray(LEAST + (1 - LEAST) * bilinear(liked, ground, xy))
+        return np.asarray(MIN_DENSITY + (1 - MIN_DENSITY) * bilinear(liked, ground, xy))
 
     return density
 

@@ -47,7 +47,7 @@ STYLES = {
 DUST_M = 0.15
 """Height of the dust and fines on a rock, at a size of 1 m."""
 
-MOST_SUBDIVISIONS = {"pebble": 1}
+MAX_SUBDIVISIONS = {"pebble": 1}
 """Limits for kinds that are scattered by the thousand."""
 
 ROCK_KINDS = frozenset(STYLES)
@@ -67,7 +67,7 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
     if kind not in STYLES:
         raise InvalidInputError("kind", kind, one_of(ROCK_KINDS, kind))
     style = STYLES[kind]
-    directions, triangles = icosphere(min(subdivisions, MOST_SUBDIVISIONS.get(kind, subdivisions)))
+    directions, triangles = icosphere(min(subdivisions, MAX_SUBDIVISIONS.get(kind, subdivisions)))
     body = 1 + style.lumps * _waves(directions, rng, frequency=2.5, octaves=3)
     radius = _cut_radius(directions, body, style, rng)
     radius *= 1 + style.ledges * _layers(directions[:, 2] * radius, rng)

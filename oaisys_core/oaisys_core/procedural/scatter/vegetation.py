@@ -19,7 +19,7 @@ from oaisys_core.types import FloatArray
 
 UP = np.array((0.0, 0.0, 1.0))
 
-MOST_BLADES, MOST_LEAVES = 2000, 12_000
+MAX_BLADES, MAX_LEAVES = 2000, 12_000
 """Largest numbers of blades of a tuft and of leaves of a shrub, at any size."""
 
 SHRUB_COVER = 0.8
@@ -37,7 +37,7 @@ def grass_tuft(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBu
     """Return a tuft of bent blades of 3 to 8 mm, some of them dry; a larger one has more."""
     parts = MeshBuilder()
     blade = ORGANS["grass_tuft"]["blade"]
-    count = int(np.clip(34 * 0.026 * size_m / blade.mean_width_m, 12, MOST_BLADES))
+    count = int(np.clip(34 * 0.026 * size_m / blade.mean_width_m, 12, MAX_BLADES))
     _, widths = blade.drawn(count, rng, unit_m)
     for full_width in widths:
         azimuth = rng.uniform(0, 2 * np.pi)
@@ -118,7 +118,7 @@ def shrub(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder
     """Return a rounded shrub: stems that fork, with small leaves all over the outer twigs."""
     parts = MeshBuilder()
     leaf = ORGANS["shrub"]["leaf"]
-    leaves = min(SHRUB_COVER * size_m**2 / leaf.area_m2, MOST_LEAVES)
+    leaves = min(SHRUB_COVER * size_m**2 / leaf.area_m2, MAX_LEAVES)
     twigs = _branches(rng, stems=9, forks=(3, 3), length=0.42, spread=0.6, rise=0.35)
     for start, end, level in twigs:
         radius = 0.016 * 0.55**level

@@ -9,7 +9,7 @@ from oaisys_core.types import FloatArray
 
 Color = tuple[float, float, float]
 
-BEVEL, MOST_BEVEL_M = 0.12, 0.02
+BEVEL, MAX_BEVEL_M = 0.12, 0.02
 """Bevel of a case as a share of its thinnest side, and at most."""
 
 BOLT_M, BOLT_COLOR = 0.007, (0.22, 0.22, 0.23)
@@ -27,7 +27,7 @@ def case(
     R: FloatArray | None = None,
 ) -> None:
     """Add a box with bevelled edges."""
-    parts.box(centre_m, size_m, color, R, min(BEVEL * min(size_m), MOST_BEVEL_M))
+    parts.box(centre_m, size_m, color, R, min(BEVEL * min(size_m), MAX_BEVEL_M))
 
 
 def access_panel(

@@ -25,7 +25,7 @@ LOG = logging.getLogger(__name__)
 TIFF_SUFFIXES = (".tif", ".tiff")
 SUFFIXES = (*TIFF_SUFFIXES, ".png", ".exr")
 
-MOST_PX = 8193
+MAX_PX = 8193
 """Largest number of points along an edge of a ground, as for presets."""
 
 UNIT_M = {
@@ -276,8 +276,8 @@ def _resampled(
         int((n - 1) * m / step_m * (1 + 1e-6)) + 1
         for n, m in ((rows, pixel_m[1]), (cols, pixel_m[0]))
     ]
-    if max(counts) > MOST_PX:
-        expected = f"at most {MOST_PX} points along an edge (raise ground_spacing_m)"
+    if max(counts) > MAX_PX:
+        expected = f"at most {MAX_PX} points along an edge (raise ground_spacing_m)"
         raise InvalidInputError(f"{field}.ground_spacing_m", step_m, expected)
     if min(counts) < 2:
         raise InvalidInputError(f"{field}.ground_spacing_m", step_m, "less than the file's extent")

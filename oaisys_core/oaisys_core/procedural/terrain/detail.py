@@ -24,7 +24,7 @@ from oaisys_core.types import FloatArray
 FADE_SHARE = 0.35
 """Share of the patch's half edge over which it fades into the coarse ground."""
 
-MOST_FINE_PX = 2049
+MAX_FINE_PX = 2049
 """Largest number of points along an edge of the patch; larger patches have a wider spacing."""
 
 REACH = 2
@@ -184,7 +184,7 @@ def detailed(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGroun
     """Return the ground with one patch of it refined."""
     cells = max(patch.r1 - patch.r0, patch.c1 - patch.c0)
     factor = max(2, ceil(ground.spacing_m / detail.spacing_m - 1e-6))
-    factor = max(2, min(factor, (MOST_FINE_PX - 1) // cells))
+    factor = max(2, min(factor, (MAX_FINE_PX - 1) // cells))
     x0, y0 = ground.origin_xy_m
     spacing_m = ground.spacing_m / factor
     shape = ((patch.r1 - patch.r0) * factor + 1, (patch.c1 - patch.c0) * factor + 1)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
 
-MOST_ROUNDS = 500
+MAX_ROUNDS = 500
 FINE_ROUNDS = 30
 """Iterations of the solver; fewer suffice with an initial guess from a coarser image."""
 
@@ -41,7 +41,7 @@ def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
     is_large = bool(missing.sum() > LARGE_PX)
     result = _from_coarser(height_m, missing) if is_large else _nearest(height_m, missing)
     system, known = _equations(result, missing)
-    rounds = FINE_ROUNDS if is_large else MOST_ROUNDS
+    rounds = FINE_ROUNDS if is_large else MAX_ROUNDS
     solution, _ = cg(system, known, x0=result[missing], rtol=1e-12, maxiter=rounds)
     result[missing] = solution
     return result

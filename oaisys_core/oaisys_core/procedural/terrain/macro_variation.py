@@ -22,7 +22,7 @@ BRIGHTNESS, TINT = 0.13, 0.04
 DUST = 0.6
 """Correlation of brightness and tint: dust is bright and warm, damp ground dark and cold."""
 
-LEAST, MOST = 0.5, 1.5
+MIN_FACTOR, MAX_FACTOR = 0.5, 1.5
 """Bounds of the factor."""
 
 
@@ -58,9 +58,9 @@ class MacroPattern:
         for channel, tint in enumerate((TINT, 0.0, -TINT)):
             deviation = np.float32(self.strength * BRIGHTNESS) * bright
             deviation += np.float32(self.strength * tint) * warm
-            factor = np.clip(1 + deviation, LEAST, MOST)
+            factor = np.clip(1 + deviation, MIN_FACTOR, MAX_FACTOR)
             factor += 1 - factor.mean()
-            bytes_of_factor = (factor - LEAST) * np.float32(255 / (MOST - LEAST))
+            bytes_of_factor = (factor - MIN_FACTOR) * np.float32(255 / (MAX_FACTOR - MIN_FACTOR))
             share[..., channel] = np.rint(np.clip(bytes_of_factor, 0, 255))
         return share
 
@@ -73,4 +73,6 @@ class MacroPattern:
             )
             for channel in np.moveaxis(self.share, -1, 0)
         ]
-        return np.asarray(LEAST + np.stack(channels, axis=-1) * ((MOST - LEAST) / 255), np.float64)
+        return np.asarray(
+            MIN_FACTOR + np.stack(channels, axis=-1) * ((MAX_FACTOR - MIN_FACTOR) / 255), np.float64
+        )

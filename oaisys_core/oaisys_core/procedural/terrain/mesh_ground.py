@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.meshes.checks import MOST, local_origin
+from oaisys_core.procedural.meshes.checks import MAX_COORDINATE, local_origin
 from oaisys_core.procedural.meshes.files import LoadedMesh
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh
@@ -85,9 +85,9 @@ def mesh_ground(
     turned = mesh.vertices_m[:, AXES[up]].astype(np.float64)
     exact_m = turned * scale + np.asarray(position_m)
     farthest_m = float(np.abs(exact_m).max())
-    if not farthest_m <= MOST:
+    if not farthest_m <= MAX_COORDINATE:
         raise InvalidInputError(
-            "stage.mesh.scale", scale, f"a ground within {MOST:g} m, not {farthest_m:g} m"
+            "stage.mesh.scale", scale, f"a ground within {MAX_COORDINATE:g} m, not {farthest_m:g} m"
         )
     origin_m = local_origin(exact_m)
     if origin_m.any():

@@ -27,7 +27,7 @@ AROUND = 0.08
 WETNESS = 0.6
 """Weight of the wetness index beside the depth below the surrounding ground."""
 
-LEAST_SLOPE = 0.01
+MIN_SLOPE = 0.01
 """Slope below which ground does not get wetter."""
 
 _last: list[tuple[Any, Field]] = []
@@ -64,7 +64,7 @@ def _moisture(ground: Ground) -> Field:
     for _ in range(ROUNDS):
         area += drained_area(receivers(height_m, spacing_m, rng)) / ROUNDS
     slope_y, slope_x = np.gradient(height_m, spacing_m)
-    slope = np.maximum(np.hypot(slope_x, slope_y), LEAST_SLOPE)
+    slope = np.maximum(np.hypot(slope_x, slope_y), MIN_SLOPE)
     wetness = np.log(area.reshape(height_m.shape) / slope)
     wetness = scipy.ndimage.gaussian_filter(wetness, 1.5, mode="nearest")
     around_m = scipy.ndimage.gaussian_filter(height_m, CELLS * AROUND, mode="nearest")

@@ -37,7 +37,7 @@ CLIFF_CELLS = 1.0
 """Standard deviation in cells of the smoothing of cliffs, which stay as steep as 83 degrees."""
 
 
-LARGEST_CRATER, LEAST_LARGEST_CRATER, MOST_LARGEST_CRATER = 0.33, 1 / 400, 0.9
+LARGEST_CRATER, MIN_LARGEST_CRATER, MAX_LARGEST_CRATER = 0.33, 1 / 400, 0.9
 """Diameter of the largest crater in edges of the stage: usually, below which there are none, and at
 most."""
 
@@ -150,7 +150,7 @@ def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     smallest_m = max(0.4, spec.extent_m / 400)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 3.0)
     large_m = swell_m * fractal(x, y, rng, octaves=4, gain=0.5)
-    if largest_m > LEAST_LARGEST_CRATER * spec.extent_m:
+    if largest_m > MIN_LARGEST_CRATER * spec.extent_m:
         large_m = large_m + crater_field(
             spec.resolution_px,
             spec.extent_m,
@@ -164,7 +164,7 @@ def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 def _diameter_m(depth_m: float, extent_m: float) -> float:
     """Return the diameter of a fresh crater of a depth, as large as a stage can have it."""
-    most_m = MOST_LARGEST_CRATER * extent_m
+    most_m = MAX_LARGEST_CRATER * extent_m
     if depth_m > DEPTH_SHARE * most_m:
         logger.warning(
             "stage.relief_m: received %g, but the largest crater on a stage of %g m is %.3g m deep",

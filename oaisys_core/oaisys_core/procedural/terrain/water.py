@@ -14,7 +14,7 @@ from oaisys_core.types import FloatArray
 CELLS = 256
 """Most cells of the surface along an edge of the stage."""
 
-FIRST_WATER_ID, MOST_PONDS = 65_001, 500
+FIRST_WATER_ID, MAX_PONDS = 65_001, 500
 """Instance ids of ponds, from the largest on; all smaller ones share the last id."""
 
 MARGIN = 1
@@ -93,11 +93,11 @@ def water_on(
     ponds, count = scipy.ndimage.label(is_wet, np.ones((3, 3), bool))
     sizes = np.bincount(ponds.ravel(), minlength=count + 1)[1:]
     number_of = np.zeros(count + 1, np.int64)
-    number_of[1 + np.argsort(-sizes, kind="stable")] = np.minimum(np.arange(count), MOST_PONDS - 1)
+    number_of[1 + np.argsort(-sizes, kind="stable")] = np.minimum(np.arange(count), MAX_PONDS - 1)
     prototypes, placements = [], []
     T = np.eye(4)
     T[2, 3] = level_m
-    for number in range(min(count, MOST_PONDS)):
+    for number in range(min(count, MAX_PONDS)):
         cells = is_wet & (number_of[ponds] == number)
         cells = scipy.ndimage.binary_dilation(cells, np.ones((3, 3), bool), iterations=MARGIN)
         # A cell between two ponds belongs to the larger one.

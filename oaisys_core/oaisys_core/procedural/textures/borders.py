@@ -27,7 +27,7 @@ Image = NDArray[np.float32]
 N = TypeVar("N", float, FloatArray)
 """A number, or an array of them."""
 
-LEAST_HEIGHT, MOST_HEIGHT = -2.0, 6.0
+MIN_HEIGHT, MAX_HEIGHT = -2.0, 6.0
 """Bounds of heights; a quarter of a percent of all texels would be higher, fewer are lower."""
 
 MEAN_HEIGHT = 0.5772
@@ -47,7 +47,7 @@ HEIGHT_BINS = 2048
 NEGLIGIBLE = 1.5 / 255
 """Weights below it count as 0, and above 1 minus it as 1."""
 
-LEAST_WEIGHT = 1e-8
+MIN_WEIGHT = 1e-8
 """Instead of a negligible weight, whose logarithm is taken."""
 
 
@@ -55,7 +55,7 @@ class Heights(NamedTuple):
     """Heights of one level of a texture set.
 
     Attributes:
-        texels: (N, N) uint8, 0 for `LEAST_HEIGHT` and 255 for `MOST_HEIGHT`.
+        texels: (N, N) uint8, 0 for `MIN_HEIGHT` and 255 for `MAX_HEIGHT`.
         variance: Of the heights.
     """
 
@@ -69,10 +69,10 @@ def height_levels(levels: Sequence[PbrMaps]) -> list[Heights]:
     for maps in levels[1:]:
         size = maps.height.shape[::-1]
         found.append(np.asarray(cv2.resize(found[-1], size, interpolation=cv2.INTER_AREA)))
-    scale = np.float32(255 / (MOST_HEIGHT - LEAST_HEIGHT))
+    scale = np.float32(255 / (MAX_HEIGHT - MIN_HEIGHT))
     return [
         Heights(
-            np.rint((each - np.float32(LEAST_HEIGHT)) * scale).astype(np.uint8), float(each.var())
+            np.rint((each - np.float32(MIN_HEIGHT)) * scale).astype(np.uint8), float(each.var())
         )
         for each in found
     ]
@@ -89,7 +89,7 @@ def gumbel_heights(height: NDArray[np.float32]) -> Image:
     rank = (np.cumsum(counts) - counts / 2) / height.size
     # Bins that nothing is in have ranks of 0 and 1 at the ends.
     values = -np.log(-np.log(np.clip(rank, 1e-9, 1 - 1e-9)))
-    values = np.clip(values, LEAST_HEIGHT, MOST_HEIGHT).astype(np.float32)
+    values = np.clip(values, MIN_HEIGHT, MAX_HEIGHT).astype(np.float32)
     return np.asarray(values[bins])
 
 
@@ -131,7 +131,7 @@ def borders(variances: Sequence[N]) -> list[LayerBorder]:
 
 def keys(heights: Image, weights: Image) -> Image:
     """Return the keys of a layer's points, of which the largest is seen."""
-    least = np.float32(LEAST_WEIGHT)
+    least = np.float32(MIN_WEIGHT)
     return np.asarray(heights + np.log(np.maximum(weights - np.float32(NEGLIGIBLE), least)))
 
 

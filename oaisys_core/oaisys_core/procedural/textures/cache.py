@@ -86,14 +86,14 @@ def default_cache_dir() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
-MOST_SET_BYTES = 2_000_000_000
+MAX_SET_BYTES = 2_000_000_000
 """Size of the arrays in a file; a set of 8192 pixels takes 0.9 GB."""
 
 
 def read(path: Path, name: str, size_px: int) -> PbrMaps | None:
     """Return the texture set in a file, or None if there is no valid one."""
     try:
-        archive = load_arrays(path, MOST_SET_BYTES)
+        archive = load_arrays(path, MAX_SET_BYTES)
         maps: dict[str, Any] = {kind: archive[kind] for kind in KINDS}
         tile_m = float(archive["tile_m"])
         for kind, (dtype, channels) in KINDS.items():

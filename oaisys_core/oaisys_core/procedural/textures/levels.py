@@ -17,7 +17,7 @@ from oaisys_core.color import encoded, linear
 from oaisys_core.procedural.textures.normal_maps import decode_normals, encode_normals
 from oaisys_core.scene.terrain_material import PbrMaps
 
-LEAST_PX = 8
+MIN_PX = 8
 """Smallest edge length of a level."""
 
 Image = NDArray[np.float32]
@@ -33,7 +33,7 @@ def levels_of(maps: PbrMaps) -> tuple[PbrMaps, ...]:
     color = linear(np.arange(256) / 255).astype(np.float32)[maps.color_srgb]
     facing = _facing(maps.normal_gl)
     height, roughness = maps.height, maps.roughness
-    while (size := len(color) // 2) >= LEAST_PX:
+    while (size := len(color) // 2) >= MIN_PX:
         color, facing = _smaller(color, size), _smaller(facing, size)
         height = _smaller(height, size)
         # Subsample instead of averaging: puddles must not become uniformly damp ground.

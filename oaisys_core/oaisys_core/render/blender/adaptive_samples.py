@@ -27,7 +27,7 @@ PIXELS_BESIDE = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
 FARTHEST_M = 1e5
 """Range beyond which rays end."""
 
-MOST_BEND = 0.01
+MAX_BEND = 0.01
 """Inverse depth is linear over a plane. Where it departs by a larger share, pixels see a step."""
 
 ABOVE_SURFACE = 1e-3
@@ -77,7 +77,7 @@ def view_need(surface: Surface, camera: PlacedCamera) -> ViewNeed:
     inverse = (length / range_m).reshape(-1, len(PIXELS_BESIDE))
     ids = view.instance_ids.reshape(-1, len(PIXELS_BESIDE))
     is_edge = ids.min(axis=1) != ids.max(axis=1)
-    bend = np.abs(inverse @ (1, -1, -1, 1)) > MOST_BEND * inverse.max(axis=1)
+    bend = np.abs(inverse @ (1, -1, -1, 1)) > MAX_BEND * inverse.max(axis=1)
     is_cluttered = is_edge | (bend & ids.any(axis=1))
     seen = np.arange(0, len(range_m), len(PIXELS_BESIDE))
     seen = seen[np.isfinite(range_m[seen])]

@@ -28,11 +28,11 @@ ROWS, COLUMNS = 18, 24
 FARTHEST_M = 1e5
 """Range beyond which rays end."""
 
-LEAST_ALBEDO = 0.01
+MIN_ALBEDO = 0.01
 """Mean albedo, seen through haze, from which on ground is expected not to be black; soot has more.
 """
 
-MOST_BLACK, LEAST_PLACES = 0.5, 8
+MAX_BLACK, MIN_PLACES = 0.5, 8
 """Share of the places of one shader that may be black though the ray caster's albedo is not, of at
 least so many. All are where it has failed; with moving cameras, some may be where it has not."""
 
@@ -74,7 +74,7 @@ class GroundCheck:
         view = surface.cast(camera.T_map_camera[:3, 3], directions, FARTHEST_M)
         seen = np.flatnonzero(view.is_ground[:, 0])
         xy_m, range_m = view.points_m[seen, 0, :2], view.depth_m[seen, 0]
-        bright = self._albedo(surface.scene, xy_m, range_m) >= LEAST_ALBEDO
+        bright = self._albedo(surface.scene, xy_m, range_m) >= MIN_ALBEDO
         x0, y0, x1, y1 = surface.scene.ground.extent_m
         is_land = ((xy_m < (x0, y0)) | (xy_m > (x1, y1))).any(axis=1)
         kept, width_m = seen[bright], range_m * pixel_angle_rad(camera.intrinsics)
@@ -98,12 +98,12 @@ class GroundCheck:
         light = albedo[rows, columns].sum(axis=-1) + radiance[rows, columns, :3].sum(axis=-1)
         for what, own in (("stage", ~places.is_land), ("land", places.is_land)):
             black = light[own] == 0
-            if len(black) < LEAST_PLACES or black.mean() <= MOST_BLACK:
+            if len(black) < MIN_PLACES or black.mean() <= MAX_BLACK:
                 continue
             # Textures may be black there; looking them up takes long in a new world.
             view, width_m = places.view.rows(np.flatnonzero(own)), places.width_m[own]
-            black &= Reflectance(places.scene).at(view, width_m) >= LEAST_ALBEDO
-            if black.mean() > MOST_BLACK:
+            black &= Reflectance(places.scene).at(view, width_m) >= MIN_ALBEDO
+            if black.mean() > MAX_BLACK:
                 text = f"{black.mean():.0%} of the ground of the {what} is black in Cycles' image"
                 raise RenderError(f"{name}: {text}, though its textures are not")
 

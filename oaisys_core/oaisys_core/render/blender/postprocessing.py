@@ -105,7 +105,7 @@ smeared their finest detail, and up to how many samples per pixel; of more, it s
 NORMAL_SHARE = 0.08
 """The same weight for the normals that guide the denoiser."""
 
-LEAST_ALBEDO = np.float32(0.01)
+MIN_ALBEDO = np.float32(0.01)
 """Added to the albedo that radiance is divided by."""
 
 ALBEDO_SHARE, EDGE_SHARE = 0.12, 0.25
@@ -114,7 +114,7 @@ ALBEDO_SHARE, EDGE_SHARE = 0.12, 0.25
 SMOOTHED, EDGE_GAIN = 0.3, 6
 """Share of smoothed albedo on even ground, and how fast it grows as that length falls below 1."""
 
-CONFIRMED_PX, MOST_DIFFERENCE = 15, 0.03
+CONFIRMED_PX, MAX_DIFFERENCE = 15, 0.03
 """Edge length of the square over which an albedo without noise must be that of the samples, and how
 much it may differ, as a share."""
 
@@ -187,8 +187,8 @@ def denoised(
         albedo = divisor
         if ground is not None:
             is_clean = _is_confirmed(ground, seen)[..., None]
-            divisor = np.where(is_clean, seen + LEAST_ALBEDO, divisor)
-            albedo = np.where(is_clean, ground.linear + LEAST_ALBEDO, albedo)
+            divisor = np.where(is_clean, seen + MIN_ALBEDO, divisor)
+            albedo = np.where(is_clean, ground.linear + MIN_ALBEDO, albedo)
         radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
     return filter_denoised(radiance, rendered.samples or settings.samples, settings.clutter)
 
@@ -205,7 +205,7 @@ def _guides(rendered: RenderResult, denoiser: Denoiser) -> tuple[Image, Image]:
     # The sky's albedo of 0 would bleed over its border.
     usual = seen[by_chance[..., 0]].mean(axis=0)
     surface = np.where(pass_of(rendered, DEPTH) < BACKGROUND_M, seen, usual)
-    divisor = np.where(by_chance, denoiser.denoise_albedo(surface) + LEAST_ALBEDO, divisor)
+    divisor = np.where(by_chance, denoiser.denoise_albedo(surface) + MIN_ALBEDO, divisor)
     normal = np.where(by_chance, denoiser.denoise_normal(normal), normal)
     if is_water.any():
         # It is level.
@@ -224,7 +224,7 @@ def _divisor(albedo: Image, normal: Image) -> Image:
     smoothed = np.clip(SMOOTHED + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
     albedo = albedo + _sky_share(albedo, normal)
     mixed = albedo + smoothed[..., None] * (_convolved(albedo, ALBEDO_SHARE) - albedo)
-    return np.asarray(mixed + LEAST_ALBEDO, np.float32)
+    return np.asarray(mixed + MIN_ALBEDO, np.float32)
 
 
 def _is_confirmed(ground: PixelAlbedo, seen: Image) -> NDArray[np.bool_]:
@@ -233,7 +233,7 @@ def _is_confirmed(ground: PixelAlbedo, seen: Image) -> NDArray[np.bool_]:
     known = ground.is_known.astype(np.float32)
     difference = cv2.blur((ground.linear - seen) * known[..., None], size)
     level = cv2.blur(seen * known[..., None], size)
-    few_percent = MOST_DIFFERENCE * (level + LEAST_ALBEDO * cv2.blur(known, size)[..., None])
+    few_percent = MAX_DIFFERENCE * (level + MIN_ALBEDO * cv2.blur(known, size)[..., None])
     return np.asarray(ground.is_known & (np.abs(difference) <= few_percent).all(axis=-1))
 
 

@@ -29,7 +29,7 @@ from oaisys_core.render.geometry_pass import (
 )
 from oaisys_core.render.lidar import LidarCaster
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
-from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     ALBEDO,
@@ -135,9 +135,9 @@ class BlenderBackend(Backend):
             yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
 
-    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+    def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
         """See `Backend.scan`."""
-        return self._lidars.scan(self._built(), lidar, shot)
+        return self._lidars.scan(self._built(), lidar, capture)
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""

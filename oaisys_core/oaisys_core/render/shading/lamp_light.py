@@ -11,7 +11,7 @@ import numpy as np
 from oaisys_core.scene.lamps import Lamp
 from oaisys_core.types import FloatArray
 
-LEAST_M = 1e-6
+MIN_M = 1e-6
 """Least distance from a lamp, where its light is infinite."""
 
 
@@ -47,7 +47,7 @@ def cone_share(lamp: Lamp, cosines: FloatArray) -> FloatArray:
 def _sphere(lamp: Lamp, points_m: FloatArray, normals: FloatArray) -> FloatArray:
     """Return the (N,) irradiance of a point or spot lamp, all of it above the horizon."""
     to_lamp = np.array(lamp.position_m) - points_m
-    distance_m = np.maximum(np.linalg.norm(to_lamp, axis=1), max(lamp.radius_m, LEAST_M))
+    distance_m = np.maximum(np.linalg.norm(to_lamp, axis=1), max(lamp.radius_m, MIN_M))
     facing = np.maximum((to_lamp * normals).sum(axis=1), 0.0) / distance_m
     irradiance = lamp.strength_w / (4 * pi) * facing / distance_m**2
     if lamp.kind == "spot":
@@ -79,5 +79,5 @@ def _area(lamp: Lamp, points_m: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), LEAST_M)
+    length = np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), MIN_M)
     return np.asarray(vectors / length)

@@ -20,7 +20,7 @@ from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
 from oaisys_core.scene.sky import Haze, Sky, gradient_radiance, texels_at
 from oaisys_core.types import FloatArray
 
-LEAST_UP = 1e-4
+MIN_UP = 1e-4
 """Least upward component of a ray, which bounds its way through the haze layer."""
 
 
@@ -114,7 +114,7 @@ def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
     if sky.haze is None:
         return radiance
     up = directions[:, 2] / np.linalg.norm(directions, axis=1)
-    distance_m = sky.haze.thickness_m / np.maximum(up, LEAST_UP)
+    distance_m = sky.haze.thickness_m / np.maximum(up, MIN_UP)
     return in_haze(radiance, distance_m, sky.haze, sky)
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 VERTICAL_COSINE = 1 - 1e-9
 """For viewing directions closer to the vertical than this, the image's upper edge points to +x."""
 
-MOST_DRAWS = 64
+MAX_DRAWS = 64
 """Number of poses that a motion may draw for one sample."""
 
 STREAM = "sensors.motion"
@@ -70,7 +70,7 @@ class Motion(ABC):
         """
 
     def accepted_pose(self, step: MotionStep, admitted: Callable[[Pose], Pose]) -> Pose:
-        """Return the first pose of a step that is admitted; up to `MOST_DRAWS` are drawn.
+        """Return the first pose of a step that is admitted; up to `MAX_DRAWS` are drawn.
 
         Args:
             step: The step.
@@ -80,7 +80,7 @@ class Motion(ABC):
             InvalidInputError: No pose was admitted, or the motion has ended.
         """
         reason = "the motion leaves the stage"
-        draws = MOST_DRAWS if self.can_redraw else 1
+        draws = MAX_DRAWS if self.can_redraw else 1
         for _ in range(draws):
             pose = self.pose(step)
             if pose is None:

@@ -28,10 +28,10 @@ from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
 from oaisys_core.world.module import Metadata, SectionModule, World, overridden
 from oaisys_core.world.modules.lamps import check_changes, lamps_that_are_on
 
-LEAST_CONTRAST = 0.02
+MIN_CONTRAST = 0.02
 """Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
 
-THICKNESS, MOST_THICKNESS_M = 0.1, 60.0
+THICKNESS, MAX_THICKNESS_M = 0.1, 60.0
 """Default thickness of the haze layer below the sky: a share of the visual range, up to a limit.
 
 With the limit, haze of kilometres pales the sky within a few degrees of the horizon only. Models of
@@ -233,9 +233,9 @@ def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:
         return None
     visibility_m = draws.number("haze.visibility_m", config.visibility_m)
     exponent = draws.number("haze.angstrom_exponent", config.angstrom_exponent)
-    at_green = -log(LEAST_CONTRAST) / visibility_m
+    at_green = -log(MIN_CONTRAST) / visibility_m
     red, green, blue = (at_green * (WAVELENGTHS_NM / WAVELENGTHS_NM[1]) ** -exponent).tolist()
-    thickness_m = min(visibility_m * THICKNESS, MOST_THICKNESS_M)
+    thickness_m = min(visibility_m * THICKNESS, MAX_THICKNESS_M)
     if config.thickness_m is not None:
         thickness_m = draws.number("haze.thickness_m", config.thickness_m)
     tint = linear(config.color_srgb)

@@ -151,7 +151,7 @@ class SensorsModule(Module):
     def move(self, world: World, batch_seed: int, heights: HeightLookup) -> None:
         """Move the rig to the pose of its motion at the world's sample.
 
-        If the policy refuses a pose, the motion draws another one, up to `MOST_DRAWS` times, or the
+        If the policy refuses a pose, the motion draws another one, up to `MAX_DRAWS` times, or the
         pose is lifted, depending on the motion.
 
         Raises:

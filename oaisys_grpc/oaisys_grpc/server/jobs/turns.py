@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Collection
 from enum import IntEnum
 
-MOST_CONNECTIONS = 1024
+MAX_CONNECTIONS = 1024
 """Connections that are remembered; the least recent ones are forgotten."""
 
 
@@ -65,5 +65,5 @@ class Turns:
         with self._lock:
             self._standing[peer] = standing
             self._standing.move_to_end(peer)
-            while len(self._standing) > MOST_CONNECTIONS:
+            while len(self._standing) > MAX_CONNECTIONS:
                 self._standing.popitem(last=False)

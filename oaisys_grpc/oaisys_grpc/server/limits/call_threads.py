@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 from oaisys_grpc.server.limits.grpc_calls import cancel, event_of, peer_of
 from oaisys_grpc.server.limits.open_calls import CROWDED_REQUESTS
 
-MOST_QUEUED = 512
+MAX_QUEUED = 512
 """Calls that wait for a thread."""
 
-MOST_WITHOUT_REQUEST = 2 * CROWDED_REQUESTS
+MAX_WITHOUT_REQUEST = 2 * CROWDED_REQUESTS
 """Calls on threads whose requests are still to come."""
 
 IDLE_S = 5.0
@@ -68,7 +68,7 @@ class CallThreads(Executor):
                 raise RuntimeError("the threads of calls have been closed")
             self._queues.setdefault(peer, deque()).append(call)
             self._queued += 1
-            dropped = self._drop_one() if self._queued > MOST_QUEUED else None
+            dropped = self._drop_one() if self._queued > MAX_QUEUED else None
             self._wake()
         if dropped is not None:
             self._refuse(*dropped)
@@ -91,7 +91,7 @@ class CallThreads(Executor):
 
     def _turns(self) -> int:
         """Return how many calls threads may take now."""
-        return min(self._queued, MOST_WITHOUT_REQUEST - self._without_request)
+        return min(self._queued, MAX_WITHOUT_REQUEST - self._without_request)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Let each thread end after its call; calls that wait are left."""

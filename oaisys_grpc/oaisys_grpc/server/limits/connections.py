@@ -9,10 +9,10 @@ from oaisys_core.errors import OaisysError
 STREAMS_OF_CONNECTION = 100
 """Calls at a time by one connection; gRPC's clients wait until one has ended."""
 
-MOST_CONNECTIONS = 256
+MAX_CONNECTIONS = 256
 """Connections at a time; others are closed at once."""
 
-LEAST_FILES, MOST_FILES = 128, 4096
+MIN_FILES, MAX_FILES = 128, 4096
 """Files that a server must be allowed to open, and as many as it asks for."""
 
 _OWN_FILES = 96
@@ -30,8 +30,8 @@ _CONNECTION_OPTIONS = (
     ("grpc.server_handshake_timeout_ms", 10_000),
     ("grpc.max_concurrent_streams", STREAMS_OF_CONNECTION),
     # By default, gRPC ends any client's calls where a thousand wait to be looked at.
-    ("grpc.server.max_pending_requests", STREAMS_OF_CONNECTION * MOST_CONNECTIONS),
-    ("grpc.server.max_pending_requests_hard_limit", STREAMS_OF_CONNECTION * MOST_CONNECTIONS),
+    ("grpc.server.max_pending_requests", STREAMS_OF_CONNECTION * MAX_CONNECTIONS),
+    ("grpc.server.max_pending_requests_hard_limit", STREAMS_OF_CONNECTION * MAX_CONNECTIONS),
 )
 
 
@@ -41,18 +41,18 @@ def connection_options() -> list[tuple[str, int]]:
     Raises:
         OaisysError: This process may open too few files.
     """
-    connections = min(MOST_CONNECTIONS, _files_allowed() - _OWN_FILES)
+    connections = min(MAX_CONNECTIONS, _files_allowed() - _OWN_FILES)
     return [*_CONNECTION_OPTIONS, ("grpc.max_allowed_incoming_connections", connections)]
 
 
 def _files_allowed() -> int:
     """Return how many files this process may open, after having asked for as many as it may."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft != resource.RLIM_INFINITY and soft < MOST_FILES:
-        soft = MOST_FILES if hard == resource.RLIM_INFINITY else min(MOST_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < MAX_FILES:
+        soft = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    if soft != resource.RLIM_INFINITY and soft < LEAST_FILES:
+    if soft != resource.RLIM_INFINITY and soft < MIN_FILES:
         raise OaisysError(
-            f"this process may open {soft} files, and a server needs {LEAST_FILES}: ulimit -n"
+            f"this process may open {soft} files, and a server needs {MIN_FILES}: ulimit -n"
         )
-    return MOST_FILES if soft == resource.RLIM_INFINITY else soft
+    return MAX_FILES if soft == resource.RLIM_INFINITY else soft

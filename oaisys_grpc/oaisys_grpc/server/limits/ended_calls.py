@@ -12,7 +12,7 @@ _LOG = logging.getLogger(__name__)
 PERIOD_S = 60.0
 """At most one line in so many seconds for each reason."""
 
-_MOST_REASONS = 64
+_MAX_REASONS = 64
 
 
 class _Tally:
@@ -38,7 +38,7 @@ class EndedCalls:
             reason: Why it was ended; one of few.
         """
         with self._lock:
-            if reason not in self._tallies and len(self._tallies) >= _MOST_REASONS:
+            if reason not in self._tallies and len(self._tallies) >= _MAX_REASONS:
                 reason = "other reasons"
             tally = self._tallies.setdefault(reason, _Tally())
             tally.count, tally.last = tally.count + 1, call

@@ -23,7 +23,7 @@ from oaisys_grpc.server.limits.open_calls import (
 SLOT_PATIENCE_S = 15.0
 """For a slot among the calls of a method."""
 
-MOST_WAITING = 16
+MAX_WAITING = 16
 """Calls of a method that may wait for a slot; each holds a thread, too."""
 
 LIMITS = {
@@ -63,7 +63,7 @@ _RESERVE = 24
 THREADS = (
     sum(LIMITS.values())
     + LIMIT_OF_OTHERS
-    + MOST_WAITING * (len(LIMITS) + 1)
+    + MAX_WAITING * (len(LIMITS) + 1)
     + QUEUE_LIMIT_OF_NEWCOMERS
     + 2 * CROWDED_REQUESTS
     + _RESERVE
@@ -80,7 +80,7 @@ class Slots:
     """
 
     def __init__(
-        self, most: int, *, most_waiting: int = MOST_WAITING, idle_make_room: bool = False
+        self, most: int, *, most_waiting: int = MAX_WAITING, idle_make_room: bool = False
     ) -> None:
         """Start without calls.
 
@@ -185,7 +185,7 @@ class StreamLimits:
         self._slots = {
             name: Slots(
                 limit,
-                most_waiting=QUEUE_LIMIT_OF_NEWCOMERS if name in QUEUED else MOST_WAITING,
+                most_waiting=QUEUE_LIMIT_OF_NEWCOMERS if name in QUEUED else MAX_WAITING,
                 idle_make_room=name in IDLE_MAKE_ROOM,
             )
             for name, limit in LIMITS.items()

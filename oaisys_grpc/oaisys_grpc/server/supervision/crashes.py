@@ -17,7 +17,7 @@ DEATHS_ALLOWED = 2
 CLIENTS_ALLOWED = 2
 """More clients than these that lose workers, and none that renders, mean a faulty worker."""
 
-_MOST_REQUESTS, _MOST_CLIENTS = 1024, 1024
+_MAX_REQUESTS, _MAX_CLIENTS = 1024, 1024
 """That are remembered; the least recent ones are forgotten."""
 
 _Key = TypeVar("_Key")
@@ -79,7 +79,7 @@ class Crashes:
         self._requests.pop(cause.digest, None)
         if rendered:
             self._in_vain.clear()
-        _keep(self._known, cause.client, None, _MOST_CLIENTS)
+        _keep(self._known, cause.client, None, _MAX_CLIENTS)
 
     def crashed(self, cause: Cause, error: OaisysError) -> bool:
         """Note that a worker was lost; return whether it is the worker that is at fault."""
@@ -89,12 +89,12 @@ class Crashes:
             if isinstance(error, OutgrownWorkerError):
                 count = max(count, DEATHS_ALLOWED)
             death = _Death(count, self._now_s(), error)
-            _keep(self._requests, cause.digest, death, _MOST_REQUESTS)
+            _keep(self._requests, cause.digest, death, _MAX_REQUESTS)
         breaker = self._clients.get(cause.client) or Breaker(
             self._now_s, state="requests of this connection are refused", end="one is tried again"
         )
         breaker.crashed(error)
-        _keep(self._clients, cause.client, breaker, _MOST_CLIENTS)
+        _keep(self._clients, cause.client, breaker, _MAX_CLIENTS)
         return self._is_everybodys(cause.client)
 
     def _is_everybodys(self, client: str) -> bool:

@@ -64,15 +64,16 @@ PlanningVoxelOption = Annotated[
 ]
 
 
-class Via(StrEnum):
+class RequestMethod(StrEnum):
     """How views are requested."""
 
     SERVICE = "service"
     TRAJECTORY = "trajectory"
 
 
-ViaOption = Annotated[
-    Via, typer.Option(help="Request views by the set_pose service, or on command/trajectory.")
+RequestMethodOption = Annotated[
+    RequestMethod,
+    typer.Option(help="Request views by the set_pose service, or on command/trajectory."),
 ]
 
 
@@ -87,7 +88,7 @@ def explore(
     baseline_views: BaselineViewsOption = 400,
     until: UntilOption = None,
     path: PathOption = 20_000.0,
-    via: ViaOption = Via.SERVICE,
+    via: RequestMethodOption = RequestMethod.SERVICE,
     size: SizeOption = None,
     voxel_size: VoxelSizeOption = 0.10,
     planning_voxel: PlanningVoxelOption = 0.5,

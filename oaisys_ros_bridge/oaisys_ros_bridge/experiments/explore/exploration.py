@@ -16,7 +16,7 @@ from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
-MOST_REFUSALS = 5
+MAX_REFUSALS = 5
 """An exploration ends when the simulator refuses this many poses in a row."""
 
 
@@ -80,7 +80,7 @@ def explore(
         goes_on: Called after every view; returns whether to go on.
 
     Raises:
-        RenderError: The first pose was refused, or `MOST_REFUSALS` in a row.
+        RenderError: The first pose was refused, or `MAX_REFUSALS` in a row.
         OaisysError: The planner asked for a pose that it cannot reach.
     """
     result = Exploration(OccupancyMap(bounds, voxel_size_m))
@@ -93,7 +93,7 @@ def explore(
         except RenderError:
             refused += 1
             result.refused += 1
-            if not result.poses or refused == MOST_REFUSALS:
+            if not result.poses or refused == MAX_REFUSALS:
                 raise
         else:
             refused = 0

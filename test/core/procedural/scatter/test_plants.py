@@ -12,7 +12,7 @@ from oaisys_core.procedural.scatter.plants.species import SPECIES
 from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.scene import HeightField
 
-MOST_TRIANGLES = 40_000
+MAX_TRIANGLES = 40_000
 
 
 @pytest.mark.parametrize("name", SPECIES)
@@ -23,7 +23,7 @@ def test_a_species_grows_to_1_m_from_its_seed(name: str) -> None:
     assert -0.1 < plant.vertices_m[:, 2].min() < 0.01, "its foot is at the origin"
     assert np.abs(plant.vertices_m[:, :2].mean(axis=0)).max() < 0.35, "it stands above its foot"
     assert plant.triangles.max() < len(plant.vertices_m)
-    assert len(plant.triangles) <= MOST_TRIANGLES
+    assert len(plant.triangles) <= MAX_TRIANGLES
     assert plant.translucency is not None
     assert 0 < plant.translucency.max() < 128, "leaves let less light through than they reflect"
     assert np.array_equal(plant.vertices_m, same.vertices_m)

@@ -10,9 +10,9 @@ from scipy import stats
 
 from oaisys_core.procedural.textures.borders import (
     HEIGHT_VARIANCE,
-    LEAST_HEIGHT,
+    MAX_HEIGHT,
     MEAN_HEIGHT,
-    MOST_HEIGHT,
+    MIN_HEIGHT,
     NEGLIGIBLE,
     Heights,
     borders,
@@ -36,7 +36,7 @@ def heights(height: NDArray[Any]) -> list[Heights]:
 
 
 def decoded(found: Heights) -> NDArray[Any]:
-    return LEAST_HEIGHT + found.texels.ravel() * ((MOST_HEIGHT - LEAST_HEIGHT) / 255)
+    return MIN_HEIGHT + found.texels.ravel() * ((MAX_HEIGHT - MIN_HEIGHT) / 255)
 
 
 def rough(seed: int) -> NDArray[Any]:
@@ -92,7 +92,7 @@ def test_one_layer_alone_is_seen_where_the_others_have_no_weight(
     variance: float, others: int
 ) -> None:
     rng = np.random.default_rng(2)
-    of_layers = rng.uniform(LEAST_HEIGHT, MOST_HEIGHT, (500, others + 1))
+    of_layers = rng.uniform(MIN_HEIGHT, MAX_HEIGHT, (500, others + 1))
     variances = np.full(of_layers.shape, variance)
     for alone in range(others + 1):
         weights = np.full(of_layers.shape, NEGLIGIBLE)

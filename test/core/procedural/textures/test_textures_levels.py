@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.textures.levels import LEAST_PX, level_at, levels_of
+from oaisys_core.procedural.textures.levels import MIN_PX, level_at, levels_of
 from oaisys_core.scene import PbrMaps
 
 SIZE = 64
@@ -33,7 +33,7 @@ def luminance(srgb: NDArray[np.uint8]) -> NDArray[np.float64]:
 def test_each_level_has_half_the_size_and_covers_the_same_tile(size: int) -> None:
     levels = levels_of(noisy(size))
     assert [len(level.height) for level in levels] == [size >> k for k in range(len(levels))]
-    assert LEAST_PX <= len(levels[-1].height) < 2 * LEAST_PX
+    assert MIN_PX <= len(levels[-1].height) < 2 * MIN_PX
     for level in levels:
         assert {level.color_srgb.shape, level.normal_gl.shape} == {(*level.height.shape, 3)}
         assert level.roughness.shape == level.height.shape
@@ -41,7 +41,7 @@ def test_each_level_has_half_the_size_and_covers_the_same_tile(size: int) -> Non
 
 
 def test_a_texture_too_small_has_no_levels() -> None:
-    maps = noisy(LEAST_PX)
+    maps = noisy(MIN_PX)
     assert levels_of(maps) == (maps,)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 pytestmark = [pytest.mark.blender, pytest.mark.long]
 
-LEAST_PSNR_DB = 41.0
+MIN_PSNR_DB = 41.0
 """Between devices, at 64 samples per pixel without a denoiser."""
 MEAN_LEVELS = 0.5
 """Difference of a channel's mean, of 255 levels."""
@@ -31,7 +31,7 @@ def mean_difference(one: NDArray[Any], other: NDArray[Any]) -> float:
 
 
 def agree(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    return cv2.PSNR(one, other) >= LEAST_PSNR_DB and mean_difference(one, other) <= MEAN_LEVELS
+    return cv2.PSNR(one, other) >= MIN_PSNR_DB and mean_difference(one, other) <= MEAN_LEVELS
 
 
 def test_the_tolerance_allows_other_noise_and_no_other_exposure(pictures: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from oaisys_core.procedural.lidar_patterns import rotating
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.scene import PlacedCamera, PlacedLidar, ScanPattern, Scene
 from oaisys_core.scene.terrain_material import Variation
-from oaisys_core.sensing.faults import Shot
+from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.types import FloatArray, LidarScan
 
 pytestmark = pytest.mark.blender
@@ -53,7 +53,7 @@ def through_pixels(placed: PlacedCamera) -> PlacedLidar:
 def analytic(scene: Scene, placed: PlacedLidar) -> LidarScan:
     backend = AnalyticBackend()
     backend.build(scene, lambda _: None)
-    return backend.scan(placed, Shot(1, 1, placed.name))
+    return backend.scan(placed, CaptureId(1, 1, placed.name))
 
 
 def assert_same(found: LidarScan, expected: LidarScan) -> None:

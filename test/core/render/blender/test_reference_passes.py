@@ -24,7 +24,7 @@ WIDTH_PX, HEIGHT_PX = 128, 96
 JITTER_PX = 0.006
 """Greatest distance of Cycles' rays from their pixels' centres, and a bit."""
 
-MOST_JITTER_M = 0.01
+MAX_JITTER_M = 0.01
 """Way of such a ray along the ground up to which labels must be the same."""
 
 DEPTH_TOLERANCE = 2e-5
@@ -88,7 +88,7 @@ def test_samples_show_what_cycles_sees(
         error_m = np.abs(np.where(np.isfinite(cycles[DEPTH]), cycles[DEPTH], 1e6) - reached)
         is_off = error_m > DEPTH_TOLERANCE * reached + JITTER_PX * spread(reached)
         # Far away, on ground seen edge-on, the jitter goes from one patch of a layer to the next.
-        jitters = (JITTER_PX * spread(reached) > MOST_JITTER_M) & (fast[INSTANCE] == 0)
+        jitters = (JITTER_PX * spread(reached) > MAX_JITTER_M) & (fast[INSTANCE] == 0)
         for modality in MODALITIES[1:]:
             is_off |= (fast[modality] != cycles[modality]) & ~(jitters & (modality != INSTANCE))
         assert not is_off[off_edges(fast)].any()

@@ -13,7 +13,7 @@ from oaisys_core.geometry import pose_looking_at
 
 pytestmark = pytest.mark.blender
 
-MOST = 0.01
+MAX_SHARE = 0.01
 ABOVE, GRAZING = (
     pose_looking_at((-5.0, -4.0, 4.0), (0.0, 0.0, 0.0)),
     pose_looking_at((-12.0, 0.0, 1.0), (0.0, 0.0, 0.0)),
@@ -71,5 +71,5 @@ def test_what_reflects_by_chance_is_as_smooth_as_with_many_samples(
     shares = {
         each: speckle_share(picture, found[*each[:2], "final"]) for each, picture in found.items()
     }
-    assert max(shares.values()) < MOST, shares
+    assert max(shares.values()) < MAX_SHARE, shares
     assert len(shares) == 2 * len(suns) * (len(qualities) + 1)

@@ -19,7 +19,7 @@ from oaisys_core.render.blender.time_budget import (
 )
 
 PIXELS = 640 * 480
-MOST_SAMPLES = 128
+MAX_SAMPLES = 128
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Machine:
         pixels = round(PIXELS * plan.scale**2)
         one_s = self.sample_s * plan.scale**2
         samples = 1
-        while samples < MOST_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
+        while samples < MAX_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
             samples += 1
         until_s = self.preparing_s + samples * one_s
         denoising = plan.denoising if denoise_as is None else denoise_as(samples, until_s)
@@ -116,7 +116,7 @@ def test_no_budget_is_no_limit() -> None:
     assert taught(Machine()).plan(PIXELS, inf) == ViewPlan(
         scale=1.0, sampling_s=0.0, denoising="thorough"
     )
-    assert Machine().render(ViewPlan(1.0, 0.0)).samples == MOST_SAMPLES
+    assert Machine().render(ViewPlan(1.0, 0.0)).samples == MAX_SAMPLES
 
 
 def test_time_that_is_over_already_gives_the_smallest_image() -> None:

@@ -27,7 +27,7 @@ from oaisys_core.geometry import is_invertible
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.types import FloatArray, Frame
 
-MOST_ERROR_PX = 0.05
+MAX_ERROR_PX = 0.05
 
 LENSES: list[dict[str, float] | None] = [
     None,
@@ -104,9 +104,9 @@ def check(seen_by: Lab, balls: Any, frames: tuple[Frame, ...]) -> None:
     """The spheres' centres, and their outlines, are where OpenCV has them."""
     by_modality = {frame.modality: frame for frame in frames}
     seen, true = centres_px(seen_by, balls, by_modality)
-    assert np.abs(seen - true).max() < MOST_ERROR_PX / 10
+    assert np.abs(seen - true).max() < MAX_ERROR_PX / 10
     is_ball = by_modality["instance"].data > 0
-    assert wrong_outline(seen_by, balls, is_ball, MOST_ERROR_PX) == 0
+    assert wrong_outline(seen_by, balls, is_ball, MAX_ERROR_PX) == 0
     assert is_ball.sum() > 40
 
 
@@ -179,7 +179,7 @@ def test_landmarks_reproject_in_colour(is_bent: bool) -> None:
     cases = [(each.scene(), by.camera()) for each, by in zip(boards, labs, strict=True)]
     seen = in_blender("sensors.views", cases, 64)
     for (frame,), each, by in zip(seen, boards, labs, strict=True):
-        assert np.linalg.norm(displacement_px(frame.data, *each.seen_by(by))) < MOST_ERROR_PX
+        assert np.linalg.norm(displacement_px(frame.data, *each.seen_by(by))) < MAX_ERROR_PX
 
 
 def sunward_lab(config: CameraConfig, place: tuple[float, float], rng: np.random.Generator) -> Lab:
@@ -213,4 +213,4 @@ def test_landmarks_reproject_in_colour_of_fisheyes() -> None:
     cases = [(each.scene(), by.camera()) for each, by in zip(boards, labs, strict=True)]
     seen = in_blender("sensors.views", cases, 64)
     for (frame,), each, by in zip(seen, boards, labs, strict=True):
-        assert np.linalg.norm(displacement_px(frame.data, *each.seen_by(by))) < MOST_ERROR_PX
+        assert np.linalg.norm(displacement_px(frame.data, *each.seen_by(by))) < MAX_ERROR_PX

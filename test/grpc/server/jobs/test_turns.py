@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from oaisys_grpc.server.jobs.turns import MOST_CONNECTIONS, Turns
+from oaisys_grpc.server.jobs.turns import MAX_CONNECTIONS, Turns
 
 
 def served(turns: Turns, waiting: list[str], count: int) -> list[str]:
@@ -36,8 +36,8 @@ def test_all_that_do_not_read_share_a_turn() -> None:
 
 def test_memory_of_connections_is_bounded() -> None:
     turns = Turns()
-    for number in range(3 * MOST_CONNECTIONS):
+    for number in range(3 * MAX_CONNECTIONS):
         turns.note_read(str(number))
     turns.next(["a"])
-    assert len(turns._standing) == MOST_CONNECTIONS
+    assert len(turns._standing) == MAX_CONNECTIONS
     assert len(turns._served) <= 2

@@ -18,10 +18,10 @@ from waiting import LOAD_FACTOR, PATIENCE_S, wait_until
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_grpc.server.limits import call_threads as threads_module
-from oaisys_grpc.server.limits.call_threads import MOST_WITHOUT_REQUEST, CallThreads
+from oaisys_grpc.server.limits.call_threads import MAX_WITHOUT_REQUEST, CallThreads
 from oaisys_grpc.server.limits.connections import STREAMS_OF_CONNECTION
 from oaisys_grpc.server.limits.ended_calls import PERIOD_S, EndedCalls
-from oaisys_grpc.server.limits.slots import MOST_WAITING
+from oaisys_grpc.server.limits.slots import MAX_WAITING
 
 VIEW_S = 2.0
 """For a view while others attack; it takes 0.05 s otherwise."""
@@ -75,7 +75,7 @@ def test_calls_without_a_request_keep_nobody_waiting_and_leave_nothing(
                     assert time.monotonic() - begin_s < LOAD_FACTOR * VIEW_S
                     peak = max(peak, process.num_threads())
             wait_until(server.stderr.read_text)
-            assert peak <= threads + MOST_WITHOUT_REQUEST + MOST_WAITING + SPARE_THREADS
+            assert peak <= threads + MAX_WITHOUT_REQUEST + MAX_WAITING + SPARE_THREADS
             if connections == 1:
                 assert peak <= threads + STREAMS_OF_CONNECTION + SPARE_THREADS
         wait_until(lambda: process.num_threads() <= threads + SPARE_THREADS)
@@ -87,7 +87,7 @@ def test_calls_without_a_request_keep_nobody_waiting_and_leave_nothing(
 
 
 def test_a_call_of_another_connection_is_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads_module, "MOST_QUEUED", 20)
+    monkeypatch.setattr(threads_module, "MAX_QUEUED", 20)
     refused: list[str] = []
     threads = CallThreads(2, refused.append, idle_s=0.05)
     go, order = threading.Event(), []
@@ -109,7 +109,7 @@ def test_a_call_of_another_connection_is_next(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_calls_without_requests_do_not_take_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads_module, "MOST_WITHOUT_REQUEST", 2)
+    monkeypatch.setattr(threads_module, "MAX_WITHOUT_REQUEST", 2)
     threads = CallThreads(8, lambda _: None)
     go, begun = threading.Event(), []
 

@@ -26,7 +26,7 @@ REED, REED_TIP, PLUME = (0.28, 0.36, 0.16), (0.50, 0.50, 0.26), (0.42, 0.34, 0.2
 BRACKEN, BRACKEN_TIP, BRACKEN_OLD = (0.20, 0.34, 0.09), (0.38, 0.48, 0.16), (0.50, 0.34, 0.16)
 WHITE, YELLOW, CLOVER = (0.90, 0.89, 0.84), (0.85, 0.66, 0.10), (0.62, 0.36, 0.55)
 
-MOST_BLADES, MOST_STALKS = 4000, 100
+MAX_BLADES, MAX_STALKS = 4000, 100
 """Largest numbers of blades of one kind and of stalks in a meadow, at any size."""
 
 GRAIN_M, HAIR_M = 0.005, 0.005
@@ -40,7 +40,7 @@ def meadow(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilde
     _grass(parts, rng, blade, unit_m, size_m, count=520, spread=0.5, length=(0.08, 0.22), lean=0.45)
     _grass(parts, rng, blade, unit_m, size_m, count=200, spread=0.47, length=(0.2, 0.36), lean=0.25)
     low = max(size_m, 1.0)
-    count = min(round(14 * low**2), MOST_STALKS)
+    count = min(round(14 * low**2), MAX_STALKS)
     _ears(parts, rng, unit_m, count=count, spread=0.42, length=(0.32 / low, 0.48 / low))
     return parts
 
@@ -52,7 +52,7 @@ def flower_meadow(rng: np.random.Generator, unit_m: float, size_m: float) -> Mes
     _grass(parts, rng, blade, unit_m, size_m, count=520, spread=0.5, length=(0.07, 0.18), lean=0.5)
     _grass(parts, rng, blade, unit_m, size_m, count=70, spread=0.45, length=(0.18, 0.3), lean=0.25)
     for color, share in ((WHITE, 1.0), (YELLOW, 0.5), (CLOVER, 0.1)):
-        count = min(round(int(rng.integers(3, 14)) * max(size_m, 1.0) ** 2), MOST_STALKS)
+        count = min(round(int(rng.integers(3, 14)) * max(size_m, 1.0) ** 2), MAX_STALKS)
         _flowers(parts, rng, unit_m, size_m, count=count, color=color, share=share)
     return parts
 
@@ -190,7 +190,7 @@ def _grass(
     ``count`` blades of 7 mm cover a meadow of 1 m; there are as many as cover this one.
     """
     low = max(size_m, 1.0)
-    count = min(round(count * 0.007 * size_m * low / blade.mean_width_m), MOST_BLADES)
+    count = min(round(count * 0.007 * size_m * low / blade.mean_width_m), MAX_BLADES)
     count = max(count, 10)
     length = (length[0] / low, length[1] / low)
     tufts = count // 5

@@ -36,7 +36,7 @@ RELUCTANCE = 0.5
 WIDEST = 1.5
 """Width of the softest borders, in standard deviations of the patches' scores."""
 
-LEAST_WEIGHT = 0.04
+MIN_WEIGHT = 0.04
 """Weight up to which a layer is left out."""
 
 OFFSET_STRIDE = 4
@@ -109,14 +109,14 @@ def blend_masks(
 def weights_of(scores: NDArray[np.float32], softness: float) -> NDArray[np.float32]:
     """Return (L, ...) weights that sum to 1, of layers that compete by their scores.
 
-    They replace the scores. Layers of less than `LEAST_WEIGHT` are left out, because each that is
+    They replace the scores. Layers of less than `MIN_WEIGHT` are left out, because each that is
     seen at a point costs time there.
     """
     scores -= scores.max(axis=0)
     scores /= np.float32(softness)
     weights = np.exp(scores, out=scores)
     weights /= weights.sum(axis=0)
-    weights -= np.float32(min(LEAST_WEIGHT, 0.5 / len(weights)))
+    weights -= np.float32(min(MIN_WEIGHT, 0.5 / len(weights)))
     np.maximum(weights, 0, out=weights)
     weights /= weights.sum(axis=0)
     return weights

@@ -23,7 +23,7 @@ COARSE_PX = 256
 FORMS = (0.5, 1.5, 4.0)
 """Sizes of forms that stand out of the ground around, in units of a patch."""
 
-LEAST_RISE = 0.02
+MIN_RISE = 0.02
 """Standard deviation of the height, in units of a form's size, below which forms count less."""
 
 REPOSE_RAD = 0.35, 0.7
@@ -32,7 +32,7 @@ REPOSE_RAD = 0.35, 0.7
 STEEPNESS = 3.0
 """Weight of the slope, that of each size of forms being 1."""
 
-MOST = 2.0
+MAX_DEVIATION = 2.0
 """Largest deviation from the mean that counts."""
 
 
@@ -80,10 +80,10 @@ def exposure(relief: Relief, texel_m: float, patch_m: float) -> Field:
     for form in FORMS:
         size_m = form * patch_m
         raised_m = height_m - _smooth(height_m, size_m / texel_m)
-        unit_m = np.float32(max(float(raised_m.std()), LEAST_RISE * size_m))
-        total += np.clip(raised_m / unit_m, -MOST, MOST)
+        unit_m = np.float32(max(float(raised_m.std()), MIN_RISE * size_m))
+        total += np.clip(raised_m / unit_m, -MAX_DEVIATION, MAX_DEVIATION)
     least_rad, most_rad = (np.float32(bound) for bound in REPOSE_RAD)
-    steepness = np.clip((relief.slope_rad - least_rad) / (most_rad - least_rad), 0, MOST)
+    steepness = np.clip((relief.slope_rad - least_rad) / (most_rad - least_rad), 0, MAX_DEVIATION)
     total += np.float32(STEEPNESS) * (steepness - steepness.mean())
     return np.asarray(total / np.float32(max(float(total.std()), 1.0)), np.float32)
 

@@ -18,7 +18,7 @@ EARTH_RADIUS_M = 6.371e6
 LOW_SUN_RAD = radians(10.0)
 """From this elevation on, the sun is above any hill that is longer than the stage."""
 
-LEAST_SUN_RAD = radians(2.0)
+MIN_SUN_RAD = radians(2.0)
 """Below this elevation of the sun, hills become no lower."""
 
 HIGHEST_SHARE = 0.5
@@ -59,4 +59,4 @@ class Surroundings:
         """The elevation above which no hill of the land may rise."""
         if self.lowest_sun_rad is None or self.lowest_sun_rad >= LOW_SUN_RAD:
             return None
-        return HIGHEST_SHARE * max(self.lowest_sun_rad, LEAST_SUN_RAD)
+        return HIGHEST_SHARE * max(self.lowest_sun_rad, MIN_SUN_RAD)

@@ -45,7 +45,7 @@ LATTICE = 64
 TURN_RAD = 0.6
 """Rotation of an octave's lattice against that of the octave before."""
 
-LEAST_POINTS, ENOUGH_POINTS = 2.0, 4.0
+MIN_POINTS, ENOUGH_POINTS = 2.0, 4.0
 """Points per wavelength up to which an octave is left out, and from which it is complete."""
 
 STEPS = 500
@@ -188,7 +188,7 @@ def endless_relief(
 def _resolved(octave: Octave, spacing_m: FloatArray) -> FloatArray:
     """Return (N,) shares of an octave that points at some distances from each other can have."""
     points = octave.wavelength_m / spacing_m
-    return _step((points - LEAST_POINTS) / (ENOUGH_POINTS - LEAST_POINTS))
+    return _step((points - MIN_POINTS) / (ENOUGH_POINTS - MIN_POINTS))
 
 
 def _octave_heights(

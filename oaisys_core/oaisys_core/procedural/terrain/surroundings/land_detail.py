@@ -26,7 +26,7 @@ SIZE_PX, TEXELS = 512, 4
 FALL = 1.8
 """Exponent by which the pattern's amplitudes fall with frequency: crumbly ground."""
 
-LEAST_STEEPNESS, MOST_STEEPNESS = 0.005, 0.03
+MIN_STEEPNESS, MAX_STEEPNESS = 0.005, 0.03
 """Bounds of the standard deviation of an octave over its wavelength: no ground is quite smooth."""
 
 EXPONENT = 0.8
@@ -87,5 +87,5 @@ class LandReliefPattern:
         known_m, deviations_m = np.array(self.octaves).T
         found_m = np.exp(np.interp(np.log(waves_m), np.log(known_m), np.log(deviations_m + 1e-9)))
         found_m *= np.minimum(waves_m / known_m[0], 1.0) ** EXPONENT
-        bounded_m = np.clip(found_m, LEAST_STEEPNESS * waves_m, MOST_STEEPNESS * waves_m)
+        bounded_m = np.clip(found_m, MIN_STEEPNESS * waves_m, MAX_STEEPNESS * waves_m)
         return float(np.sqrt(np.sum(bounded_m**2)))

@@ -41,7 +41,7 @@ strong as on the stage."""
 FALL, RAGGED_FALL = 1.0, RAGGED
 """Exponents by which amplitudes fall with frequency. With 1, every octave has the same variance."""
 
-LEAST_SHARE = 1e-4
+MIN_SHARE = 1e-4
 """Layers of a smaller share of the stage do not lie on the land."""
 
 STRIDE = 8
@@ -144,9 +144,9 @@ class PatchyLandMasks:
         if self.relief is not None:
             for layer in range(count):
                 scores[layer] += self.relief.scores(layer, scores.shape[1:])
-        shares = np.maximum(np.array(self.shares), LEAST_SHARE)
+        shares = np.maximum(np.array(self.shares), MIN_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
-        scores[np.array(self.shares) < LEAST_SHARE] = -np.inf
+        scores[np.array(self.shares) < MIN_SHARE] = -np.inf
         weights = weights_of(scores, self.softness)
         mean = np.array(self.shares, np.float32)[:, None, None]
         weights += (mean / mean.sum() - weights) * self._fade()[:, None]

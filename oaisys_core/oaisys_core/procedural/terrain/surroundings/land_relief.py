@@ -24,10 +24,10 @@ FORMS = (0.8, 3.2, 12.8)
 """Wavelengths of the forms by which ridges, hollows and slopes count, in units of the distance
 between the stage's centre and its nearest edge."""
 
-LEAST_FORM = 6.0
+MIN_FORM = 6.0
 """Least wavelength of a form in cells. Cells grow with the distance."""
 
-LEAST_WAVE = 1 / 2
+MIN_WAVE = 1 / 2
 """Wavelengths below count nowhere: they repeat within a kilometre. In the units of `FORMS`."""
 
 SLOPES = 1 / 4
@@ -40,10 +40,10 @@ STRENGTH = 2.0
 """Change of a patch's score, in standard deviations of the stage's patches, where steepness differs
 by one standard deviation and the layer's mean steepness on the stage does, too."""
 
-LEAST_PREFERENCE = 0.3
+MIN_PREFERENCE = 0.3
 """Preference for ridges, and for hollows, of layers that have none on the stage."""
 
-MOST = 3.0
+MAX_DEVIATION = 3.0
 """Largest deviation from the mean that counts."""
 
 
@@ -94,8 +94,8 @@ def land_relief(
     x, y = centre_m[0] + distance_m * np.cos(angle), centre_m[1] + distance_m * np.sin(angle)
     xy_m = np.stack((x, y), axis=-1)
     cell_m = distance_m / per_e_fold
-    spacing_m = np.maximum(cell_m[:, 0], LEAST_WAVE * nearest_m / ENOUGH_POINTS)
-    forms_m = [np.maximum(form * nearest_m, LEAST_FORM * cell_m) for form in FORMS]
+    spacing_m = np.maximum(cell_m[:, 0], MIN_WAVE * nearest_m / ENOUGH_POINTS)
+    forms_m = [np.maximum(form * nearest_m, MIN_FORM * cell_m) for form in FORMS]
     raised_m, ground_m = np.zeros((2, len(FORMS), rows, COLUMNS))
     for wave_m, octave_m in endless_relief(land, xy_m, spacing_m):
         for index, form_m in enumerate(forms_m):
@@ -132,8 +132,8 @@ def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
             float((weight * values).sum()) / total / max(float(values.std()), 1e-9)
             for values in (slope, raised)
         )
-        if np.hypot(steep, high) < LEAST_PREFERENCE:
-            high = LEAST_PREFERENCE * (1 if index % 2 == 0 else -1)
+        if np.hypot(steep, high) < MIN_PREFERENCE:
+            high = MIN_PREFERENCE * (1 if index % 2 == 0 else -1)
         found.append((steep, high))
     return np.array(found)
 
@@ -148,7 +148,7 @@ def _normalised(values: FloatArray) -> Field:
     mean = _over_rings(values.mean(axis=1))
     deviation = np.sqrt(_over_rings(((values - mean[:, None]) ** 2).mean(axis=1)))
     unit = (values - mean[:, None]) / np.maximum(deviation, 1e-9)[:, None]
-    return np.asarray(np.clip(unit, -MOST, MOST), np.float32)
+    return np.asarray(np.clip(unit, -MAX_DEVIATION, MAX_DEVIATION), np.float32)
 
 
 def _over_rings(values: FloatArray) -> FloatArray:

@@ -10,23 +10,23 @@ import numpy as np
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import FloatArray
 
-MOST_POINTS = 2049
+MAX_POINTS = 2049
 """Grids of more points along an edge are thinned out first."""
 
 MESH_POINTS = 257
 """Points along an edge at which a stage that is no grid is sampled."""
 
-LEAST_BLOCKS = 4
+MIN_BLOCKS = 4
 """Least number of blocks along an edge whose means say how high the stage's largest forms are."""
 
 WAVELENGTH_BLOCKS = 3.0
 """Wavelength in blocks of what differs between the means of blocks and of blocks twice as large."""
 
-LEAST_STEEPNESS, MOST_STEEPNESS = 0.011, 0.015
+MIN_STEEPNESS, MAX_STEEPNESS = 0.011, 0.015
 """Bounds of the standard deviation of heights of each longer octave over its wavelength: plains
 are not level for kilometres, and no range darkens the stage when the sun is ten degrees high."""
 
-LEAST_EXPONENT, MOST_EXPONENT = 0.3, 0.9
+MIN_EXPONENT, MAX_EXPONENT = 0.3, 0.9
 """Bounds of the exponent by which amplitudes grow with the wavelength beyond the stage's size."""
 
 FITTED_OCTAVES = 4
@@ -53,7 +53,7 @@ def own_octaves(stage: Ground) -> list[Octave]:
 def _heights(stage: Ground) -> tuple[FloatArray, float]:
     """Return a grid of heights without its mean slope, and its spacing."""
     if isinstance(stage, HeightField):
-        step = ceil(max(stage.elevation_m.shape) / MOST_POINTS)
+        step = ceil(max(stage.elevation_m.shape) / MAX_POINTS)
         height_m = stage.elevation_m[::step, ::step].astype(np.float64)
         spacing_m = stage.spacing_m * step
     else:
@@ -79,7 +79,7 @@ def _octaves_of(height_m: FloatArray, spacing_m: float) -> list[Octave]:
     means alone, interpolation explains slopes.
     """
     octaves: list[Octave] = []
-    while min(height_m.shape) >= 2 * LEAST_BLOCKS or not octaves:
+    while min(height_m.shape) >= 2 * MIN_BLOCKS or not octaves:
         rows, cols = (size // 2 * 2 for size in height_m.shape)
         blocks = height_m[:rows, :cols].reshape(rows // 2, 2, cols // 2, 2)
         means_m = blocks.mean(axis=(1, 3))
@@ -109,8 +109,8 @@ def longer_octaves(own: list[Octave], longest_m: float) -> list[Octave]:
     wavelength_m = 2 * longest.wavelength_m
     while wavelength_m <= longest_m:
         grown_m = longest.deviation_m * (wavelength_m / longest.wavelength_m) ** exponent
-        most_m = max(longest.deviation_m, MOST_STEEPNESS * wavelength_m)
-        least_m = LEAST_STEEPNESS * wavelength_m
+        most_m = max(longest.deviation_m, MAX_STEEPNESS * wavelength_m)
+        least_m = MIN_STEEPNESS * wavelength_m
         octaves.append(Octave(wavelength_m, min(max(grown_m, least_m), most_m)))
         wavelength_m *= 2
     return octaves
@@ -121,4 +121,4 @@ def _exponent(octaves: list[Octave]) -> float:
     waves, deviations = np.log(np.maximum(np.array(octaves), 1e-9)).T
     offset = waves - waves.mean()
     fitted = offset @ deviations / max(offset @ offset, 1e-12)
-    return float(np.clip(fitted, LEAST_EXPONENT, MOST_EXPONENT))
+    return float(np.clip(fitted, MIN_EXPONENT, MAX_EXPONENT))

@@ -13,13 +13,13 @@ from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Soc
 from oaisys_core.render.blender.objects.contact import BED, DUST
 from oaisys_core.render.blender.objects.instances import SIZE
 
-MOST_DUST, DUST_ON_TOP = 0.85, 0.25
+MAX_DUST, DUST_ON_TOP = 0.85, 0.25
 """Share of dust at the ground, and on what faces upward."""
 
 CONTACT, CONTACT_SHARE = 0.6, 0.25
 """Brightness at the very contact with the ground, and where it ends as a share of the dust."""
 
-FINES_FROM, MOST_FINES = 0.6, 0.7
+FINES_FROM, MAX_FINES = 0.6, 0.7
 """Value of a contact map from which fines hide the ground as far as they do, and how far."""
 
 DARK_FROM, DARKEST, FINES_BRIGHTNESS = 0.55, 0.35, 1.08
@@ -57,7 +57,7 @@ def with_dust(tree: NodeTree, color: Socket, roughness: Any, dust_m: float) -> S
     height_m = tree.math("SUBTRACT", above[2], ground)
     share = tree.math("DIVIDE", height_m, tree.math("MULTIPLY", size, dust_m))
     ragged = tree.math("MULTIPLY", share, tree.math("MULTIPLY_ADD", roughness, 1.4, 0.4))
-    foot = tree.math("MULTIPLY", tree.clamped("SUBTRACT", 1.0, ragged), MOST_DUST)
+    foot = tree.math("MULTIPLY", tree.clamped("SUBTRACT", 1.0, ragged), MAX_DUST)
     upward = tree.add("SeparateXYZ", {0: geometry.outputs["Normal"]}).outputs[2]
     top = tree.clamped("MULTIPLY_ADD", upward, 2.0, -1.3)
     cover = tree.math("MAXIMUM", foot, tree.math("MULTIPLY", top, DUST_ON_TOP))
@@ -100,7 +100,7 @@ def with_rims(
         share = tree.math("MULTIPLY", dark, 1 - DARKEST)
         return _darkened(tree, surface, share), texel
     share = tree.clamped("MULTIPLY", near, 1 / FINES_FROM)
-    share = tree.math("MULTIPLY", share, MOST_FINES)
+    share = tree.math("MULTIPLY", share, MAX_FINES)
     brightness = tree.math("MULTIPLY_ADD", dark, DARKEST - FINES_BRIGHTNESS, FINES_BRIGHTNESS)
     color, _ = through_haze(
         tree, tree.scaled(fines[:3] if isinstance(fines, tuple) else fines, brightness)

@@ -21,7 +21,7 @@ import numpy as np
 
 from oaisys_core.color import encoded
 from oaisys_core.procedural.contact_map import ContactMap
-from oaisys_core.procedural.textures.levels import LEAST_PX
+from oaisys_core.procedural.textures.levels import MIN_PX
 from oaisys_core.render.blender.compat import node_tree_of
 from oaisys_core.render.blender.materials.contact import contact_image, with_rims
 from oaisys_core.render.blender.materials.ground_layer import MaterialLevel, MaterialTables
@@ -192,7 +192,7 @@ def footprints_m(material: TerrainMaterial) -> list[float]:
     """Return the footprints of a pixel at which the next level of the textures begins."""
     sets = [layer.maps for layer in material.layers]
     finest_m = min(maps.tile_m / len(maps.color_srgb) for maps in sets)
-    coarsest_m = max(maps.tile_m / LEAST_PX for maps in sets)
+    coarsest_m = max(maps.tile_m / MIN_PX for maps in sets)
     octaves = max(0, round(log2(coarsest_m / finest_m)))
     lookups = sum(LOOKUPS[type(layer.tiling)] for layer in material.layers)
     lookups *= 3 if material.projects_sides else 1

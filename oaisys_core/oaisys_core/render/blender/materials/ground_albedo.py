@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import linear
 from oaisys_core.procedural.contact_map import ContactMap
-from oaisys_core.procedural.terrain.macro_variation import LEAST, MOST
+from oaisys_core.procedural.terrain.macro_variation import MAX_FACTOR, MIN_FACTOR
 from oaisys_core.procedural.textures.borders import (
-    LEAST_HEIGHT,
-    MOST_HEIGHT,
+    MAX_HEIGHT,
+    MIN_HEIGHT,
     NEGLIGIBLE,
     LayerBorder,
     borders,
@@ -46,7 +46,7 @@ Image = NDArray[np.float32]
 ROWS_BESIDE = (-0.25, 0.0, 0.25)
 """Places in a pixel, in rows, that are averaged: seen at a slant, texels are flat, not narrow."""
 
-MOST_STEP = 1.2
+MAX_STEP = 1.2
 """Largest ratio of the distances of neighbouring pixels that see the same part of the ground."""
 
 GENTLE_COS = STEEP_COS[0] + 0.03
@@ -55,7 +55,7 @@ GENTLE_COS = STEEP_COS[0] + 0.03
 UNKNOWN = -1
 """Level of detail of pixels whose albedo is not computed."""
 
-_HEIGHTS = np.linspace(LEAST_HEIGHT, MOST_HEIGHT, 256)
+_HEIGHTS = np.linspace(MIN_HEIGHT, MAX_HEIGHT, 256)
 LINEAR = np.stack((*[linear(np.arange(256) / 255)] * 3, _HEIGHTS), axis=-1)
 LINEAR = LINEAR.astype(np.float32)[None]
 """Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
@@ -179,7 +179,7 @@ class GroundAlbedo:
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
         if self._macro is not None:
             share = _texture(self._macro, xy_m / self._macro_period_m)
-            color *= share * np.float32(MOST - LEAST) + np.float32(LEAST)
+            color *= share * np.float32(MAX_FACTOR - MIN_FACTOR) + np.float32(MIN_FACTOR)
         return color
 
     def _color(
@@ -267,7 +267,7 @@ def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:
     distance = distance_m.astype(np.float32)
     square = np.ones((3, 3), np.uint8)
     nearest, farthest = cv2.erode(distance, square), cv2.dilate(distance, square)
-    return np.asarray(farthest < np.float32(MOST_STEP) * nearest)
+    return np.asarray(farthest < np.float32(MAX_STEP) * nearest)
 
 
 def _upward(points_m: FloatArray) -> FloatArray:

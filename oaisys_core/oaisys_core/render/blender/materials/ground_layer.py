@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from oaisys_core.procedural.terrain.macro_variation import LEAST, MOST
+from oaisys_core.procedural.terrain.macro_variation import MAX_FACTOR, MIN_FACTOR
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.procedural.textures.normal_maps import FLAT, STEPS
 from oaisys_core.render.blender.materials.images import ImageStore
@@ -35,9 +35,9 @@ ALONG_BEDS = (0.8, 0.6, 0.0)
 
 CLIFF_TILING = voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
 """How textures are laid onto cliffs, which show many tiles at once, if layers ask for none and are
-at most `MOST_TURNED_LAYERS`."""
+at most `MAX_TURNED_LAYERS`."""
 
-MOST_TURNED_LAYERS = 2
+MAX_TURNED_LAYERS = 2
 """A turned texture takes two lookups for each layer, whether it is seen or not."""
 
 NUDGE = 1e-12
@@ -189,7 +189,7 @@ class LayerNodes:
     def _tiling(self, layer: TerrainLayer) -> Tiling:
         """Return how a layer's texture is laid onto this plane."""
         is_free = isinstance(layer.tiling, PlainTiling) and layer.label_image is None
-        is_few = len(self._level.material.layers) <= MOST_TURNED_LAYERS
+        is_few = len(self._level.material.layers) <= MAX_TURNED_LAYERS
         if self._plane.axes is None or not is_free or not is_few:
             return layer.tiling
         return CLIFF_TILING
@@ -266,8 +266,8 @@ class LayerNodes:
         u, v = (1.0 / (macro.period_m * each) for each in scale)
         texel.texture_mapping.scale = (u, v, 1.0)
         texel.texture_mapping.translation = self._nudge
-        span = contrast * (MOST - LEAST)
-        least = 1 - contrast * (1 - LEAST)
+        span = contrast * (MAX_FACTOR - MIN_FACTOR)
+        least = 1 - contrast * (1 - MIN_FACTOR)
         return self._tree.vector("MULTIPLY_ADD", texel.outputs["Color"], span, least)
 
 

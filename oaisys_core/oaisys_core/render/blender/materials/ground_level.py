@@ -8,9 +8,9 @@ from math import e
 from typing import Any
 
 from oaisys_core.procedural.textures.borders import (
-    LEAST_HEIGHT,
-    LEAST_WEIGHT,
-    MOST_HEIGHT,
+    MAX_HEIGHT,
+    MIN_HEIGHT,
+    MIN_WEIGHT,
     NEGLIGIBLE,
     LayerBorder,
     borders,
@@ -183,9 +183,9 @@ class LevelNodes:
 
 def _key(tree: NodeTree, height: Socket, weight: Socket) -> Socket:
     """Return the key of a layer, see `borders`."""
-    weight = tree.math("MAXIMUM", tree.math("SUBTRACT", weight, NEGLIGIBLE), LEAST_WEIGHT)
+    weight = tree.math("MAXIMUM", tree.math("SUBTRACT", weight, NEGLIGIBLE), MIN_WEIGHT)
     # Only differences of keys matter, so all heights may begin at 0.
-    span = MOST_HEIGHT - LEAST_HEIGHT
+    span = MAX_HEIGHT - MIN_HEIGHT
     return tree.math("MULTIPLY_ADD", height, span, tree.math("LOGARITHM", weight, e))
 
 

@@ -26,7 +26,7 @@ from oaisys_core.types import FloatArray
 RIPPLES_PX, RIPPLE_TILES_M = 256, (1.7, 7.3)
 """Size of the image of ripples, and the edges of its tiles: two copies hide the repetition."""
 
-MOST_SLOPE = 0.16
+MAX_SLOPE = 0.16
 """Standard deviation of the slope at the strongest ripples: sqrt(0.003 + 0.00512 v) for a wind of
 v = 4.5 m/s (Cox and Munk 1954)."""
 
@@ -56,7 +56,7 @@ def water_material(prototype: MeshPrototype) -> Any:
     body, airlight = diffuse(tree, paint.outputs["Color"], 0.5, None)
     clear = tree.add("BsdfTransparent").outputs[0]
     below = tree.mixed(paint.outputs["Alpha"], clear, body)
-    normal = _ripples(tree, MOST_SLOPE * water.waves)
+    normal = _ripples(tree, MAX_SLOPE * water.waves)
     fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
     seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
     inputs: dict[str | int, Any] = {"Color": seen, "Roughness": ROUGHNESS, "Normal": normal}

@@ -21,7 +21,7 @@ EARTH_KM = 6371.0
 LAYERS = 7
 """Thin layers that clouds consist of."""
 
-MOST_RISE = 0.24
+MAX_RISE = 0.24
 """Height of the topmost layer above the base, in sizes."""
 
 OCTAVES, FINE_OCTAVES, ROUGHNESS = 2, 4, 0.55
@@ -60,14 +60,14 @@ def before_sky(tree: NodeTree, sky: Sky, clouds: Clouds, ray: Socket, color: Soc
     )
     lit = np.array(_lit_radiance(sky))
     bright = _towards_sun_gain(tree, sky, ray)
-    middle_km = (clouds.base_m + MOST_RISE / 2 * clouds.size_m) / 1000
+    middle_km = (clouds.base_m + MAX_RISE / 2 * clouds.size_m) / 1000
     fine = _noise(
         tree, _place(tree, clouds, level, _distance_km(tree, up, middle_km)), is_fine=True
     )
     # From the topmost, which is farthest, to the base.
     for layer in range(LAYERS - 1, -1, -1):
         rise = layer / (LAYERS - 1)
-        height_km = (clouds.base_m + MOST_RISE * rise * clouds.size_m) / 1000
+        height_km = (clouds.base_m + MAX_RISE * rise * clouds.size_m) / 1000
         away_km = _distance_km(tree, up, height_km)
         coarse = _noise(tree, _place(tree, clouds, level, away_km), is_fine=False)
         noise = tree.math("MULTIPLY_ADD", coarse, COARSE_SHARE, fine)

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from oaisys_core.procedural.contact_map import MOST_TRACKS, contact_map, has_rim, stage_ground
+from oaisys_core.procedural.contact_map import MAX_TRACKS, contact_map, has_rim, stage_ground
 from oaisys_core.render.blender.materials.contact import DRIVEN
 from oaisys_core.render.blender.materials.ground import GroundMaterials
 from oaisys_core.render.blender.materials.ground_albedo import GroundAlbedo
@@ -109,8 +109,8 @@ class SceneGeometry:
             self.ground_albedo.contact = contact
             self._rims_of = rims_of
         if scene.tracks:
-            driven = [0.0] * MOST_TRACKS
-            for index, track in enumerate(scene.tracks[:MOST_TRACKS]):
+            driven = [0.0] * MAX_TRACKS
+            for index, track in enumerate(scene.tracks[:MAX_TRACKS]):
                 driven[index] = track.driven_share
             if self._driven != driven:
                 self._ground[DRIVEN] = self._driven = driven

@@ -15,7 +15,7 @@ from oaisys_core.render.blender.materials.haze import clear_share, set_haze
 from oaisys_core.render.blender.materials.images import new_image
 from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
 from oaisys_core.render.blender.objects.clouds import before_sky
-from oaisys_core.render.shading.shading import LEAST_UP
+from oaisys_core.render.shading.shading import MIN_UP
 from oaisys_core.scene.sky import Color, Haze, Hdri, Sky, SkyImage
 
 MIN_DISC_RAD = 1e-4
@@ -131,7 +131,7 @@ def _above_ground(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socke
 
 def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socket) -> Socket:
     """Return the sky's colour behind a horizontal layer of haze."""
-    up = tree.math("MAXIMUM", _up(tree, ray), LEAST_UP)
+    up = tree.math("MAXIMUM", _up(tree, ray), MIN_UP)
     clear = clear_share(tree, haze, tree.math("DIVIDE", haze.thickness_m, up))
     airlight = tree.vector(
         "MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze)

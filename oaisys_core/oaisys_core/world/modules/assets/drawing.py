@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from oaisys_core import geometry, randomness
 from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
-from oaisys_core.config.sections.groups import MOST_INSTANCES, GroupConfig
+from oaisys_core.config.sections.groups import MAX_INSTANCES, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.procedural.scatter.ground_pose import footprint_of, pose_on_ground
 from oaisys_core.procedural.scatter.groups import scatter_group
 from oaisys_core.procedural.scatter.ids import (
     FIRST_MOVER_ID,
@@ -23,7 +24,6 @@ from oaisys_core.procedural.scatter.ids import (
 from oaisys_core.procedural.scatter.placement import scatter_on
 from oaisys_core.procedural.scatter.rock_families import family_density
 from oaisys_core.procedural.scatter.rocks import make_rock
-from oaisys_core.procedural.scatter.stance import footprint_of, pose_on_ground
 from oaisys_core.procedural.scatter.trajectories import MoverTrajectory, make_trajectory
 from oaisys_core.procedural.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
 from oaisys_core.scene import (
@@ -191,7 +191,7 @@ class AssetGenerator:
         count = 0
         if randomness.child(rng, "presence").uniform() < group.probability:
             drawn = int(randomness.child(rng, "count").integers(*group.count, endpoint=True))
-            count = min(round(factor * drawn), MOST_INSTANCES)
+            count = min(round(factor * drawn), MAX_INSTANCES)
         T_map_object, shape_of = scatter_group(
             group, count, shapes, self._ground, rng, self._material
         )
@@ -317,7 +317,7 @@ def _rock_poses(
     rng: np.random.Generator,
 ) -> FloatArray:
     least, most = group.count
-    count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MOST_INSTANCES)
+    count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MAX_INSTANCES)
     T_map_object, _ = scatter_on(
         ground,
         count,

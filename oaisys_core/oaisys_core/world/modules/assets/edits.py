@@ -14,7 +14,7 @@ from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import InvalidInputError, quoted
 from oaisys_core.procedural.scatter.ids import added_id
 from oaisys_core.procedural.scatter.shapes import PLANTS
-from oaisys_core.raycast.clearance import MOST_EXTENTS
+from oaisys_core.raycast.clearance import MAX_EXTENTS
 from oaisys_core.scene import Ground, MeshPrototype, Placement
 from oaisys_core.system.interruption import stop_if_unwanted
 from oaisys_core.world.module import World, require
@@ -126,7 +126,7 @@ class EditedAssets:
     def _check_reach(self, metadata: AssetMetadata) -> None:
         """Raise if a position is farther away than a camera may be."""
         x0, y0, x1, y1 = self._ground.extent_m
-        reach_m = MOST_EXTENTS * max(x1 - x0, y1 - y0)
+        reach_m = MAX_EXTENTS * max(x1 - x0, y1 - y0)
         centre_m = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.0))
         places = {f"add.{name}": spec.position_m for name, spec in metadata.added.items()} | {
             f"objects.{key}": edit.position_m

@@ -10,7 +10,7 @@ import numpy as np
 
 from oaisys_core.config.sections.assets import AssetsConfig
 from oaisys_core.config.sections.density import LayerDensity
-from oaisys_core.config.sections.groups import MOST_INSTANCES
+from oaisys_core.config.sections.groups import MAX_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quoted
 from oaisys_core.procedural.scatter.ids import (
@@ -200,8 +200,8 @@ class AssetsModule(Module):
                 expected = f"the name of a group: {one_of(counts, name)}"
                 raise InvalidInputError(path, name, expected)
             factor = metadata.count_factor * (edit.count_factor if edit else 1.0)
-            if factor * counts[name] > MOST_INSTANCES:
-                expected = f"at most {MOST_INSTANCES} instances in the group"
+            if factor * counts[name] > MAX_INSTANCES:
+                expected = f"at most {MAX_INSTANCES} instances in the group"
                 raise InvalidInputError(f"{path}.count_factor", factor, expected)
 
     def _check_added(self, metadata: AssetMetadata) -> None:

@@ -15,7 +15,7 @@ from builtin_interfaces.msg import Time
 
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import Frame, LidarScan, Pose, Sample
-from oaisys_ros_bridge.bridge.readers import Readers
+from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.requests import Cancellation, PendingMetadata, ViewRequest, rig_pose
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
@@ -62,7 +62,7 @@ class RenderCounts:
     last_publish_s: float = float("nan")
 
 
-class Renderer:
+class RenderQueue:
     """Renders views one at a time, in the order in which they are requested, and publishes them.
 
     One thread renders. A service call, a pose of a sweep, a command and a simulation step each wait
@@ -72,7 +72,7 @@ class Renderer:
 
     Args:
         topics: Publishes the samples.
-        readers: Our mapper and recorders; the next sample waits for them.
+        back_pressure: Of our mapper and recorders; the next sample waits for them.
         settings: Returns the bridge's parameters.
         on_sample: Called after each sample.
 
@@ -88,7 +88,7 @@ class Renderer:
     def __init__(
         self,
         topics: WorldTopics,
-        readers: Readers,
+        back_pressure: BackPressure,
         settings: Settings,
         on_sample: Callable[[], object],
     ) -> None:
@@ -99,7 +99,7 @@ class Renderer:
         self.rig_pose: Pose | None = None
         self.metadata = PendingMetadata()
         self.counts = RenderCounts()
-        self.readers = readers
+        self.back_pressure = back_pressure
         self._topics = topics
         self._settings = settings
         self._on_sample = on_sample
@@ -220,7 +220,7 @@ class Renderer:
 
     def _serve(self, request: ViewRequest, cancellation: Cancellation) -> PublishedSample:
         with self._serving(cancellation) as link:
-            self.readers.wait_for_room(cancellation)
+            self.back_pressure.wait_for_room(cancellation)
             return self._render(request, link, cancellation)
 
     @contextmanager
@@ -290,13 +290,13 @@ class Renderer:
             frames = iter(stream)
             first: list[Frame | LidarScan] = list(filter(None, [next(frames, None)]))
             self.announce_batch(stream.outline.batch_id, link)
-            self.readers.begin()
+            self.back_pressure.begin()
             publication = self._topics.begin(stream.outline)
             for frame in chain(first, frames):
                 publication.add(frame)
             sample = stream.sample
         waited_s = time.monotonic() - asked_s - publication.seconds
-        self.readers.expect(sample, publication.stamp)
+        self.back_pressure.expect(sample, publication.stamp)
         publication.finish(sample)
         self.note(sample, publication, waited_s)
         return PublishedSample(sample, publication.stamp)

@@ -35,7 +35,7 @@ PRESENCE_PERIOD_S = 1.0
 """Between two checks which readers have gone without their last receipt."""
 LOOK_UP_S = 0.1
 """Between two checks of a waiting thread whether it shall end."""
-MOST_OWED = 10_000
+MAX_OWED = 10_000
 """Samples that are remembered for a reader that takes none."""
 
 
@@ -54,7 +54,7 @@ class _Reader:
     """
 
     label: str
-    owed: deque[tuple[int, SampleName]] = field(default_factory=lambda: deque(maxlen=MOST_OWED))
+    owed: deque[tuple[int, SampleName]] = field(default_factory=lambda: deque(maxlen=MAX_OWED))
     state: LedgerState = field(default_factory=LedgerState)
     taken_s: float = field(default_factory=time.monotonic)
     receipt_s: float = field(default_factory=time.monotonic)
@@ -75,7 +75,7 @@ def state_of(receipt: SampleReceipt) -> LedgerState:
     )
 
 
-class Readers:
+class BackPressure:
     """The readers, and up to which sample each is done; safe to use from any thread.
 
     Args:
@@ -131,7 +131,7 @@ class Readers:
         self._wait_for(self._number, cancellation)
 
     @property
-    def are_behind(self) -> bool:
+    def readers_are_behind(self) -> bool:
         """Whether a reader that is waited for has yet to take a sample."""
         with self._changed:
             return self._waits and bool(self._late(self._number))
