@@ -173,7 +173,7 @@ def test_the_key_of_the_cache_has_all_code_that_makes_a_set() -> None:
             make_texture_set(name, 16, 0)
     finally:
         sys.setprofile(before)
-        threading.setprofile(None)  # type: ignore[arg-type]
+        threading.setprofile(None)
     ours = {path for path in ran if path.is_relative_to(PACKAGE)}
     assert len(ours) > 10
     assert ours <= set(code_files())
