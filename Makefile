@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery bench test test-full fuzz lint format schema contract clean
+.PHONY: help setup demo gallery bench test test-full bench-test fuzz lint format schema contract clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -14,6 +14,10 @@ GALLERY_ARGS ?= --out out/gallery
 BENCH_ARGS ?= --out out/bench
 # Many tests wait for discovery, a child or a deadline: three at a time take half as long on two cores.
 PYTEST_ARGS ?= -n 3 --dist loadfile
+# Each run of many tests ends with a table of its slowest ones, before pytest's closing line.
+SLOWEST := --durations=20 --durations-min=1
+# The tools' own arithmetic and runs promise nothing to users; they have a target of their own.
+BENCH_TESTS := test/bench
 FUZZ_SECONDS ?= 60
 # The demo tells its seconds from here on, set-up included.
 STARTED_S := $(shell date +%s.%N)
@@ -25,7 +29,7 @@ TEST_TYPES := --allow-untyped-defs --allow-incomplete-defs --allow-any-generics 
 TYPED := oaisys_core oaisys_dataset oaisys_grpc oaisys_mapping oaisys_ros_bridge
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: ## Make the virtual environment and build what the project needs
 	@VENV='$(VENV)' PYTHON='$(PYTHON)' tools/setup.sh
@@ -40,10 +44,13 @@ bench: setup ## Measure everything: out/bench/bench.md (five hours the first tim
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
 test: setup ## Run the tests but for the long ones (about 11 minutes on two cores)
-	@$(IN_ENV) pytest $(PYTEST_ARGS) -m 'not long'
+	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not long'
 
 test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 20 minutes)
-	@$(IN_ENV) pytest $(PYTEST_ARGS) -m long
+	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m long
+
+bench-test: setup ## Run the tests of the bench, its referees and the look book (about 7 minutes)
+	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) $(BENCH_TESTS)
 
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
 	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/server/test_fuzz.py

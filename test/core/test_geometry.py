@@ -118,6 +118,19 @@ def test_a_nearly_unit_quaternion_is_normalised() -> None:
     assert pose.quat_xyzw == (0, 0, 0, 1)
 
 
+def test_a_checked_pose_and_a_pose_of_a_motion_stay_as_they_are_when_checked_again() -> None:
+    """A record's pose is checked when it is repeated."""
+    rng = np.random.default_rng(3)
+    drawn = Rotation.random(3000, random_state=3)
+    turned = drawn * Rotation.random(3000, random_state=4) * Rotation.random(3000, random_state=5)
+    typed = drawn.as_quat() * (1 + rng.uniform(-9e-4, 9e-4, (3000, 1)))
+    poses = [geometry.checked_pose((0, 0, 0), quat) for quat in (*typed, *typed.astype(np.float32))]
+    poses += [Pose((0.0, 0.0, 0.0), tuple(quat)) for quat in turned.as_quat().tolist()]
+    for pose in poses:
+        assert abs(np.linalg.norm(pose.quat_xyzw) - 1) < 1e-14
+        assert geometry.checked_pose(pose.position_m, pose.quat_xyzw) == pose
+
+
 LENSES = {
     "barrel": (-0.28, 0.07, 1e-3, -2e-3, 0.01),
     "cushion": (0.12, 0.03, -2e-3, 1e-3, 0.0),

@@ -7,13 +7,14 @@ import itertools
 import os
 import selectors
 import subprocess
-import sys
 import time
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.python_programs import python_command
+from tools.programs import ROOT, tool_environment
 
 SAMPLES = 2
 """Samples per pixel that times are divided by; some 0.4 s on two cores."""
@@ -39,11 +40,12 @@ class Calibration:
         self._log = log
         with log.open("wb") as output:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tools.bench.calibration_scene"],
+                python_command("tools.bench.calibration_scene"),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=output,
-                cwd=Path(__file__).parents[2],
+                cwd=ROOT,
+                env=tool_environment(),
             )
 
     def __enter__(self) -> Self:

@@ -21,7 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.python_programs import python_command
 from tools.bench.settings import Say, Settings
+from tools.programs import ROOT, tool_environment
 
 TIMEOUT_S = 3600.0
 """For a job; references take the longest, five minutes per view."""
@@ -64,7 +66,7 @@ def run_job(
     module, _, function = job.rpartition(".")
     log = settings.out / "logs" / f"{job}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "tools.bench.child", f"tools.bench.jobs.{module}", function]
+    command = python_command("tools.bench.child", f"tools.bench.jobs.{module}", function)
     process = _started(command, log, core_of, cores)
     try:
         result = _result(process, {"settings": settings.to_dict(), **arguments}, say, timeout_s)
@@ -79,18 +81,16 @@ def run_job(
 def _started(
     command: Sequence[str], log: Path, core_of: Path | None, cores: Collection[int]
 ) -> subprocess.Popen[bytes]:
-    environment = dict(os.environ)
-    if core_of is not None:
-        # Found before the installed package, which is this checkout's; the tools stay this one's.
-        environment["PYTHONPATH"] = str(core_of / CORE)
+    # Found before the installed package, which is this checkout's; the tools stay this one's.
+    first = () if core_of is None else (core_of / CORE,)
     with log.open("wb") as output, pinned(cores):
         return subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=output,
-            cwd=Path(__file__).parents[2],
-            env=environment,
+            cwd=ROOT,
+            env=tool_environment(*first),
             start_new_session=True,
         )
 

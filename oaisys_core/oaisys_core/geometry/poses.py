@@ -13,6 +13,13 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 QUATERNION_TOLERANCE = 1e-3
 """Quaternions whose norm differs from 1 by at most this are normalised, others are refused."""
 
+NORMALISED_TOLERANCE = 1e-12
+"""Quaternions whose norm differs from 1 by at most this count as normalised.
+
+Division by the norm leaves less than 1e-15, products of some rotations as SciPy makes them little
+more.
+"""
+
 ROTATION_TOLERANCE = 1e-6
 """Largest error, at z = 1, of the inverse of the distortion."""
 
@@ -82,6 +89,9 @@ def distances_along_m(places_m: ArrayLike) -> FloatArray:
 def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
     """Return a pose from untrusted numbers, its quaternion normalised.
 
+    A quaternion that is normalised stays as it is: dividing it by its norm again may change its
+    last digits, and a recorded pose would not repeat.
+
     Raises:
         InvalidInputError: A number is not finite, or the quaternion's norm is off 1 by more than
             `QUATERNION_TOLERANCE`.
@@ -99,7 +109,9 @@ def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose
             quat.tolist(),
             f"a unit quaternion (norm within {QUATERNION_TOLERANCE} of 1, not {norm:.6g})",
         )
-    x, y, z, w = (float(v) for v in quat / norm)
+    if abs(norm - 1.0) > NORMALISED_TOLERANCE:
+        quat = quat / norm
+    x, y, z, w = (float(v) for v in quat)
     px, py, pz = (float(v) for v in position)
     return Pose((px, py, pz), (x, y, z, w))
 

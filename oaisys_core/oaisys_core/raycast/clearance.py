@@ -21,6 +21,10 @@ MAX_EXTENTS = 1000.0
 """Largest distance of a rig from the stage's centre along an axis, in edge lengths of the stage;
 further away, numbers are too coarse."""
 
+ROUNDING_M = 1e-6
+"""By how much a pose may miss the least clearance, and how far inside of the stage's edge a clamped
+one is: what was admitted is admitted again as it is."""
+
 
 def admitted_pose(
     pose: Pose,
@@ -53,7 +57,7 @@ def admitted_pose(
     if policy == "clamp":
         pose = _moved(pose, _shift_inside_m(_positions_m(sensors, pose), extent_m))
     clearance_m = heights(_positions_m(sensors, pose)).clearance_m
-    if (clearance_m >= least_m).all():
+    if (clearance_m >= least_m - ROUNDING_M).all():
         return pose
     if policy in ("clamp", "lift") and np.isfinite(clearance_m).all():
         return _moved(pose, (0.0, 0.0, float(least_m - clearance_m.min())))
@@ -74,9 +78,9 @@ def _moved(pose: Pose, offset_m: ArrayLike) -> Pose:
 def _shift_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
     """Return the (3,) shift that moves all points, which are close together, onto the stage."""
     low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
-    too_low = np.maximum(low - positions_m[:, :2], 0).max(axis=0)
-    too_high = np.maximum(positions_m[:, :2] - high, 0).max(axis=0)
-    return np.append(too_low - too_high, 0.0)
+    too_low_m, too_high_m = low - positions_m[:, :2], positions_m[:, :2] - high
+    beyond_m = [np.where(m > 0, m + ROUNDING_M, 0).max(axis=0) for m in (too_low_m, too_high_m)]
+    return np.append(beyond_m[0] - beyond_m[1], 0.0)
 
 
 def _check_reach(pose: Pose, extent_m: Extent) -> None:

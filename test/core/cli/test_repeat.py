@@ -214,6 +214,26 @@ def test_the_newest_record_alone_repeats_its_sample(seed: int, tmp_path: Path) -
         repeated += 1
 
 
+def test_a_pose_that_normalising_twice_would_change_repeats_to_its_last_digit() -> None:
+    camera = {**CAMERA, "name": "left", "modalities": ["depth"], "lens": None, "shutter_share": 0.0}
+    sections = {"assets": {}, "sensors": {"cameras": [camera], "pose_policy": "allow"}}
+    sim, other = (world(stage={"preset": "plane", "resolution_px": 17}, **sections) for _ in "ab")
+    found = 0
+    for quat in np.random.default_rng(2).normal(size=(500, 4)):
+        given = 1.0005 * quat / np.linalg.norm(quat)
+        once = given / np.linalg.norm(given)
+        if found == 3 or np.array_equal(once / np.linalg.norm(once), once):
+            continue
+        found += 1
+        wanted = Pose((1.0, 2.0, 4.0), tuple(given.tolist()))
+        sample = sim.step_sample(ModuleMetadata(sensor={"pose": wanted}))
+        assert sample.rig_pose.quat_xyzw == tuple(once.tolist())
+        again = other.repeat(sample.outline)
+        assert again.rig_pose == sample.rig_pose
+        assert images(again) == images(sample)
+    assert found == 3
+
+
 def world(**sections: Any) -> Simulation:
     sim = Simulation(config_from_mapping({**WORLD, **sections}))
     sim.step_batch()

@@ -18,6 +18,7 @@ PLANTED = (
     *("oaisys_msgs", "rclpy", "trimesh", "PIL", "cv2", "bpy", "statistics", "colorsys", "ray"),
 )
 TRAP = "import pathlib\npathlib.Path(__file__).with_suffix('.run').touch()\nraise SystemExit(77)\n"
+PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
 STARTS = re.compile(r'sys\.executable, "-m"|python, "-m"')
 
 
@@ -65,10 +66,9 @@ def test_an_empty_entry_of_pythonpath_is_dropped() -> None:
 
 
 def test_no_program_is_started_another_way() -> None:
-    """But for those of the folder ``tools``, which run in the repository itself."""
     found = [
         f"{file.relative_to(REPOSITORY)}: {line.strip()}"
-        for package in ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
+        for package in (*PACKAGES, "tools")
         for file in (REPOSITORY / package).rglob("*.py")
         for line in file.read_text(encoding="utf-8").splitlines()
         if STARTS.search(line)

@@ -107,7 +107,7 @@ def test_a_sweep_is_cancelled_in_the_middle_of_a_render_and_keeps_what_it_has(
     user = bridged(stage, **SLOW_FROM_SAMPLE_3)
     sweeper = Sweeper(user)
     goal = sweeper.begin([down(4), down(5), down(6), down(7)])
-    user.wait_until(lambda: len(sweeper.feedback) == 2)
+    user.wait_until(lambda: len(sweeper.feedback) == len(user.received[SAMPLES]) == 2)
 
     second = sweeper.begin([down(9)])
     status, result = sweeper.result(second)

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import json
-import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
+from oaisys_core.python_programs import python_command
 from oaisys_mapping.odometry.programs import run_program
+from tools.programs import PATH_VARIABLE, tool_environment
 
 
 def run_module(name: str, *arguments: str) -> list[str]:
-    """Run ``python -m NAME ARGUMENTS`` in this folder and return the lines that it prints.
+    """Run a module in an empty folder and return the lines that it prints.
+
+    Args:
+        name: The module's full name.
+        arguments: Its arguments; paths are absolute.
 
     Raises:
         ProgramError: It failed, or took too long.
     """
-    return run_program([sys.executable, "-m", name, *arguments], Path.cwd()).strip().splitlines()
+    path = {PATH_VARIABLE: tool_environment()[PATH_VARIABLE]}
+    with tempfile.TemporaryDirectory() as folder:
+        printed = run_program(python_command(name, *arguments), Path(folder), path)
+    return printed.strip().splitlines()
 
 
 def printed_json(name: str, *arguments: str) -> Any:

@@ -15,6 +15,11 @@ from oaisys_core.procedural.textures.fields import normals_from_height
 from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
 from oaisys_core.procedural.textures.recipes.finish import Recipe
 from oaisys_core.scene import PbrMaps
+from oaisys_core.procedural.textures import cache
+from oaisys_core.procedural.textures.code_version import code_version
+from oaisys_core.procedural.textures.fields import normals_from_height
+from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
+from oaisys_core.procedural.textures.recipes.finish import Recipe
 
 RECIPES: dict[str, Recipe] = {
     **loose.RECIPES,
@@ -28,7 +33,7 @@ TEXTURES = frozenset(RECIPES)
 
 
 def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> PbrMaps:
-    """Return a built-in texture set, from the cache if possible.
+    """Return a built-in texture set, from the cache if the same code has put it there.
 
     Args:
         name: One of `TEXTURES`.
@@ -44,7 +49,7 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
     if cache_dir is None:
         return make_texture_set(name, size_px, seed)
     subsurface = RECIPES[name].subsurface
-    key = hashlib.sha256(repr((RECIPES[name].version, name, size_px, seed)).encode()).hexdigest()
+    key = hashlib.sha256(repr((code_version(), name, size_px, seed)).encode()).hexdigest()
     path = cache_dir / f"{name}-{key[:16]}.npz"
     cached = cache.read(path, name, size_px)
     if cached is None:

@@ -132,8 +132,7 @@ class ColorRenderer:
         images = [with_effects(image, settings.effects, camera.intrinsics, rng)]
         if with_albedo:
             images.append(camera_image(albedo_of(light), pinhole, camera.intrinsics))
-        samples = settings.samples if settings.time_budget_s is None else light.samples
-        return ColorImages(images, samples, picture.exposure_ev)
+        return ColorImages(images, light.samples_per_pixel(settings), picture.exposure_ev)
 
     def albedo(
         self,

@@ -149,6 +149,14 @@ class RenderResult:
     sampling_ended_s: float = 0.0
     errors: list[str] = field(default_factory=list)
 
+    def samples_per_pixel(self, settings: RenderSettings) -> int:
+        """Return how many samples per pixel an image has that was rendered with these settings.
+
+        Without a time limit it has all, whichever of them Cycles has reported in time.
+        """
+        is_limited = settings.time_budget_s is not None
+        return (self.samples if is_limited else 0) or settings.samples
+
 
 def pass_of(rendered: RenderResult, name: str) -> Image:
     """Return a pass by Blender's name.
@@ -190,7 +198,7 @@ def denoised(
             divisor = np.where(is_clean, seen + MIN_ALBEDO, divisor)
             albedo = np.where(is_clean, ground.linear + MIN_ALBEDO, albedo)
         radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
-    return filter_denoised(radiance, rendered.samples or settings.samples, settings.clutter)
+    return filter_denoised(radiance, rendered.samples_per_pixel(settings), settings.clutter)
 
 
 def _guides(rendered: RenderResult, denoiser: Denoiser) -> tuple[Image, Image]:

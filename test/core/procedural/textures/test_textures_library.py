@@ -1,15 +1,23 @@
 """Every built-in texture set: it tiles, is as bright as such ground, has normals that fit."""
 
+import os
+import shutil
+import subprocess
+import sys
+import threading
 from pathlib import Path
+from types import FrameType
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.textures import TEXTURES, texture_set
-from oaisys_core.procedural.textures.library import RECIPES, make_texture_set
+import oaisys_core
 from oaisys_core.scene import PbrMaps
+from oaisys_core.procedural.textures import TEXTURES
+from oaisys_core.procedural.textures.code_version import PACKAGE, code_files
+from oaisys_core.procedural.textures.library import RECIPES, make_texture_set
 
 SIZE = 192
 NAMES = sorted(TEXTURES)
@@ -120,14 +128,52 @@ def test_colours_are_not_more_vivid_than_nature(made: dict[str, PbrMaps]) -> Non
         assert saturation < 0.62, name
 
 
-def test_a_new_version_of_a_recipe_is_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    texture_set("snow", 32, 0, tmp_path)
-    texture_set("mud", 32, 0, tmp_path)
-    newer = RECIPES["snow"]._replace(version=RECIPES["snow"].version + 1)
-    monkeypatch.setitem(RECIPES, "snow", newer)
-    texture_set("snow", 32, 0, tmp_path)
-    texture_set("mud", 32, 0, tmp_path)
-    assert len(list(tmp_path.glob("snow-*"))) == 2
-    assert len(list(tmp_path.glob("mud-*"))) == 1
+MAKING = """
+import sys
+from pathlib import Path
+from oaisys_core.procedural.textures.library import texture_set
+maps = texture_set("snow", 32, 0, Path(sys.argv[1]) if sys.argv[1:] else None)
+sys.stdout.buffer.write(maps.normal_gl.tobytes() + maps.height.tobytes())
+"""
+
+
+def test_a_set_that_other_code_has_put_into_the_cache_is_made_again(tmp_path: Path) -> None:
+    """A change of how normals are encoded left sets in use, and pictures that did not repeat."""
+    folder, package = tmp_path / "cache", Path(oaisys_core.__file__).parent
+    folder.mkdir()
+    shutil.copytree(package, tmp_path / "code" / "oaisys_core")
+
+    def made(*arguments: Path) -> bytes:
+        words = [sys.executable, "-c", MAKING, *map(str, arguments)]
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path / "code")}
+        return subprocess.run(words, env=environment, check=True, stdout=subprocess.PIPE).stdout
+
+    before = made(folder)
+    assert made(folder) == before
+    assert len(list(folder.iterdir())) == 1
+    with (tmp_path / "code/oaisys_core/textures/normal_maps.py").open("a") as file:
+        file.write("\n_encoded = encode_normals\n")
+        file.write("\ndef encode_normals(normals):\n    return 255 - _encoded(normals)\n")
+    assert made() != before
+    assert made(folder) == made()
+
+
+def test_the_key_of_the_cache_has_all_code_that_makes_a_set() -> None:
+    ran: set[Path] = set()
+
+    def note(frame: FrameType, event: str, _argument: object) -> None:
+        if event == "call":
+            ran.add(Path(frame.f_code.co_filename))
+
+    before = sys.getprofile()
+    threading.setprofile(note)
+    sys.setprofile(note)
+    try:
+        for name in NAMES:
+            make_texture_set(name, 16, 0)
+    finally:
+        sys.setprofile(before)
+        threading.setprofile(None)
+    ours = {path for path in ran if path.is_relative_to(PACKAGE)}
+    assert len(ours) > 10
+    assert ours <= set(code_files())

@@ -9,7 +9,7 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -22,7 +22,7 @@ from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import RenderError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
-from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, PinholeIntrinsics
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, PinholeIntrinsics, Provenance
 from oaisys_dataset import engine, open_dataset
 from oaisys_dataset.engine import WorldFinished
 from oaisys_dataset.manifest import FrameRecord, WorldFailure, WorldLegend, frame_id
@@ -143,6 +143,8 @@ def simulated_world(config_json: str, task: WorldTask, url: str | None) -> Itera
 
 def _simulated_record(task: WorldTask, view: int) -> FrameRecord:
     """Return a record as long as a real one."""
+    sha256 = "0" * 64
+    provenance = Provenance(task.seed, task.seed, sha256, "analytic", "0", "standard", 4)
     return FrameRecord(
         frame_id=frame_id(task.index, view, "camera"),
         world=task.index,
@@ -150,13 +152,13 @@ def _simulated_record(task: WorldTask, view: int) -> FrameRecord:
         sensor="camera",
         split=task.split,
         world_seed=task.seed,
-        config_sha256="0" * 64,
+        config_sha256=sha256,
         metadata={},
         T_map_camera=tuple(tuple(row) for row in np.eye(4).tolist()),
         intrinsics=intrinsics_record(SIMULATED_CAMERA),
         stamp_s=float(view),
         images={},
-        provenance={"metadata_json": "m" * 600},
+        provenance=asdict(replace(provenance, metadata_json="m" * 600)),
         rig_pose={"position_m": [0.0, 0.0, 1.0], "quat_xyzw": [0.0, 0.0, 0.0, 1.0]},
         worker="bench:1",
         seconds=1.0,

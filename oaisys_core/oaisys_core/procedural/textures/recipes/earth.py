@@ -109,7 +109,7 @@ def salt_crust(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 RECIPES: dict[str, Recipe] = {
-    "clay_cracks": Recipe(clay_cracks, tile_m=2.4, version=1, albedo=(0.2, 0.35), exposure=-0.6),
-    "mud": Recipe(mud, tile_m=2.4, version=1, albedo=(0.05, 0.12), exposure=-0.8),
-    "salt_crust": Recipe(salt_crust, tile_m=4.0, version=1, albedo=(0.45, 0.65), exposure=-0.8),
+    "clay_cracks": Recipe(clay_cracks, tile_m=2.4, albedo=(0.2, 0.35), exposure=-0.6),
+    "mud": Recipe(mud, tile_m=2.4, albedo=(0.05, 0.12), exposure=-0.8),
+    "salt_crust": Recipe(salt_crust, tile_m=4.0, albedo=(0.45, 0.65), exposure=-0.8),
 }

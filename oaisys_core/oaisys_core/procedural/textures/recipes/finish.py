@@ -40,7 +40,6 @@ class Recipe(NamedTuple):
     Attributes:
         make: Function of (size_px, rng) that makes its maps.
         tile_m: Edge length of a tile.
-        version: Part of the cache key; it must change with the recipe.
         albedo: Natural range of the mean linear luminance of such ground.
         subsurface: See `PbrMaps`.
         exposure: Where such ground lies: 1 on ridges and scarps as bare rock, -1 in hollows and on
@@ -49,7 +48,6 @@ class Recipe(NamedTuple):
 
     make: Callable[[int, np.random.Generator], TextureMaps]
     tile_m: float
-    version: int
     albedo: tuple[float, float]
     subsurface: float = 0.0
     exposure: float = 0.0

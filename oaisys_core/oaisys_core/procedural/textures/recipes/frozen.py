@@ -113,9 +113,7 @@ def _fractures(
 
 
 RECIPES: dict[str, Recipe] = {
-    "snow": Recipe(snow, tile_m=4.0, version=1, albedo=(0.72, 0.88), subsurface=0.5, exposure=-0.8),
-    "sastrugi": Recipe(
-        sastrugi, tile_m=7.0, version=1, albedo=(0.70, 0.86), subsurface=0.45, exposure=-0.3
-    ),
-    "ice": Recipe(ice, tile_m=3.6, version=1, albedo=(0.15, 0.35), subsurface=0.6, exposure=-0.6),
+    "snow": Recipe(snow, tile_m=4.0, albedo=(0.72, 0.88), subsurface=0.5, exposure=-0.8),
+    "sastrugi": Recipe(sastrugi, tile_m=7.0, albedo=(0.70, 0.86), subsurface=0.45, exposure=-0.3),
+    "ice": Recipe(ice, tile_m=3.6, albedo=(0.15, 0.35), subsurface=0.6, exposure=-0.6),
 }

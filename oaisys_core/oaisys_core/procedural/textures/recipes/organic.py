@@ -322,8 +322,8 @@ def turf(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 RECIPES: dict[str, Recipe] = {
-    "grass": Recipe(grass, tile_m=1.8, version=1, albedo=(0.12, 0.25), exposure=-0.4),
-    "turf": Recipe(turf, tile_m=1.6, version=1, albedo=(0.10, 0.25), exposure=-0.3),
-    "moss": Recipe(moss, tile_m=1.4, version=1, albedo=(0.05, 0.15), exposure=-0.4),
-    "leaf_litter": Recipe(leaf_litter, tile_m=1.6, version=1, albedo=(0.08, 0.2), exposure=-0.7),
+    "grass": Recipe(grass, tile_m=1.8, albedo=(0.12, 0.25), exposure=-0.4),
+    "turf": Recipe(turf, tile_m=1.6, albedo=(0.10, 0.25), exposure=-0.3),
+    "moss": Recipe(moss, tile_m=1.4, albedo=(0.05, 0.15), exposure=-0.4),
+    "leaf_litter": Recipe(leaf_litter, tile_m=1.6, albedo=(0.08, 0.2), exposure=-0.7),
 }

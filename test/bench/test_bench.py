@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 from repository import REPOSITORY
 
+from oaisys_core.python_programs import python_command
 from tools.bench.child import JobError, run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
 from tools.bench.plots import plot_growth, plot_quality
+from tools.bench.referees.module_process import run_module
 from tools.bench.references import ReferenceImages, psnr_db, sha256, ssim
 from tools.bench.report import cells, markdown, rounded, write_results
 from tools.bench.settings import Settings
 from tools.bench.topics import growth, quality
+from tools.programs import tool_environment
 
 TIMEOUT_S = 300
 
@@ -180,6 +183,23 @@ def test_numbers_are_short_and_without_exponents() -> None:
 def test_a_job_that_fails_tells_why(tmp_path: Path) -> None:
     with pytest.raises(JobError, match="nowhere"):
         run_job("nowhere.at_all", Settings(tmp_path), lambda _share, _text: None)
+
+
+def test_tools_are_found_from_any_folder_and_nothing_is_imported_from_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("numpy", "json", "tools"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('planted')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", ":/packages:.")
+    module, usage = "tools.bench.referees.rgbd_odometry", "usage: "
+    found = tool_environment(tmp_path / "first")
+    assert found["PYTHONPATH"].split(":") == [str(tmp_path / "first"), str(REPOSITORY), "/packages"]
+    printed = subprocess.check_output(
+        python_command(module, "--help"), cwd=tmp_path, env=found, text=True, timeout=TIMEOUT_S
+    )
+    assert printed.startswith(usage)
+    assert run_module(module, "--help")[0].startswith(usage)
 
 
 @pytest.mark.long

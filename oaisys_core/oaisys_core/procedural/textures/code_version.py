@@ -1,0 +1,41 @@
+"""The version of what makes the built-in texture sets: a hash of its code and its libraries."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import scipy
+
+PACKAGE = Path(__file__).parents[2]
+
+CODE = (
+    "procedural/textures",
+    "procedural/terrain/noise.py",
+    "color.py",
+    "randomness.py",
+    "system/native_libraries.py",
+)
+"""Files and folders of the package with all code that runs while a set is made."""
+
+
+@cache
+def code_version() -> str:
+    """Return the version, which is another one if a set might be."""
+    digest = hashlib.sha256(repr((np.__version__, scipy.__version__, cv2.__version__)).encode())
+    for path in code_files():
+        digest.update(repr((path.relative_to(PACKAGE).as_posix(), path.read_bytes())).encode())
+    return digest.hexdigest()
+
+
+def code_files() -> list[Path]:
+    """Return the files of `CODE`."""
+    named = [PACKAGE / name for name in CODE]
+    return [file for path in named for file in ([path] if path.is_file() else _below(path))]
+
+
+def _below(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.py"))
