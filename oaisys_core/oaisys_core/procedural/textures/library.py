@@ -11,15 +11,11 @@ import numpy as np
 from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.procedural.textures import cache
-from oaisys_core.procedural.textures.fields import normals_from_height
-from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
-from oaisys_core.procedural.textures.recipes.finish import Recipe
-from oaisys_core.scene import PbrMaps
-from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import code_version
 from oaisys_core.procedural.textures.fields import normals_from_height
 from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
 from oaisys_core.procedural.textures.recipes.finish import Recipe
+from oaisys_core.scene import PbrMaps
 
 RECIPES: dict[str, Recipe] = {
     **loose.RECIPES,

@@ -14,10 +14,10 @@ import pytest
 from numpy.typing import NDArray
 
 import oaisys_core
-from oaisys_core.scene import PbrMaps
 from oaisys_core.procedural.textures import TEXTURES
 from oaisys_core.procedural.textures.code_version import PACKAGE, code_files
 from oaisys_core.procedural.textures.library import RECIPES, make_texture_set
+from oaisys_core.scene import PbrMaps
 
 SIZE = 192
 NAMES = sorted(TEXTURES)
@@ -151,7 +151,7 @@ def test_a_set_that_other_code_has_put_into_the_cache_is_made_again(tmp_path: Pa
     before = made(folder)
     assert made(folder) == before
     assert len(list(folder.iterdir())) == 1
-    with (tmp_path / "code/oaisys_core/textures/normal_maps.py").open("a") as file:
+    with (tmp_path / "code/oaisys_core/procedural/textures/normal_maps.py").open("a") as file:
         file.write("\n_encoded = encode_normals\n")
         file.write("\ndef encode_normals(normals):\n    return 255 - _encoded(normals)\n")
     assert made() != before
