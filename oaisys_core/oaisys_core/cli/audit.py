@@ -83,10 +83,9 @@ def audit(
 
 def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditResult]:
     import numpy as np
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
 
     from oaisys_core.simulation import Simulation
+    from oaisys_core.system.progress_display import ProgressDisplay
     from oaisys_core.types import ModuleMetadata
     from oaisys_core.verification.audit import audit_views, sum_results
 
@@ -95,16 +94,14 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditRe
             expected = "0: views are compared with those of cameras that stand still"
             raise InvalidInputError(f"{camera.name}: readout_s", camera.readout_s, expected)
     simulation = Simulation(config)
-    console = Console(stderr=True)
     found: list[AuditResult] = []
     try:
-        with ProgressBar(console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("auditing", total=batches * views)
+        with ProgressDisplay("auditing", batches * views) as display:
             for batch in range(batches):
                 # Audit the ground truth, whatever sensors.faults says.
                 simulation.step_batch(ModuleMetadata(sensor={"faults": {"enabled": False}}))
                 rng = np.random.default_rng([config.seed, batch])
-                found += audit_views(simulation, views, rng, lambda _: bar.advance(task))
+                found += audit_views(simulation, views, rng, lambda _: display.advance())
     finally:
         simulation.close()
     return sum_results(found)

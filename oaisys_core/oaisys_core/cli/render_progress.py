@@ -1,30 +1,26 @@
-"""Progress of ``oaisys render``: a bar on a terminal, otherwise lines on standard error."""
+"""Progress of ``oaisys render`` and ``oaisys drive``."""
 
 from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as ProgressBar
+
+from oaisys_core.system.progress_display import LINE_EVERY_S, ProgressDisplay
 
 if TYPE_CHECKING:
     from oaisys_core.types import Progress
-
-LINE_EVERY_S = 5.0
 
 
 class RenderProgress:
     """Shows the progress of a run; use it in a ``with`` block, and call it with each `Progress`.
 
     Without a terminal, a line is printed after every ``every_s`` without output.
-
-    Attributes:
-        is_bar: Whether a bar is shown.
     """
 
     def __init__(
@@ -38,23 +34,21 @@ class RenderProgress:
             console: Console for the bar.
             every_s: Longest time without a line, if there is no bar.
         """
-        self.is_bar = console.is_terminal
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        self._bar = ProgressBar(*columns, TimeElapsedColumn(), console=console)
-        self._task = self._bar.add_task("rendering", total=total, completed=done)
-        self._what = "starting"
-        self._now = self._what
-        self._began_s = self._said_s = time.monotonic()
+        echo = partial(typer.echo, err=True)
+        self._display = ProgressDisplay(
+            "starting", total, done, console=console, print_line=echo, every_s=every_s
+        )
+        self._display.postpone_line()
+        self._what = self._now = "starting"
+        self._began_s = time.monotonic()
         self._every_s = every_s
         self._ended = threading.Event()
-        self._teller = threading.Thread(target=self._tell, name="progress", daemon=True)
+        self._printer = threading.Thread(target=self._print_lines, name="progress", daemon=True)
 
     def __enter__(self) -> Self:
         """Start the display."""
-        if self.is_bar:
-            self._bar.start()
-        else:
-            self._teller.start()
+        self._display.__enter__()
+        self._printer.start()
         return self
 
     def __exit__(
@@ -65,30 +59,29 @@ class RenderProgress:
     ) -> None:
         """Stop the display."""
         self._ended.set()
-        if self.is_bar:
-            self._bar.stop()
-        else:
-            self._teller.join()
+        self._printer.join()
+        self._display.stop()
 
     def begin(self, what: str) -> None:
         """Set the name of the current work, such as ``world 2``."""
-        self._what = self._now = what
+        self._what = what
         self._began_s = time.monotonic()
-        self._bar.update(self._task, description=what)
+        self._show(what)
 
     def __call__(self, progress: Progress) -> None:
         """Show the progress of the current work."""
-        self._now = f"{self._what}: {progress.stage}, {progress.fraction:.0%}"
-        self._bar.update(self._task, description=self._now)
+        self._show(f"{self._what}: {progress.stage}, {progress.fraction:.0%}")
 
     def view_done(self) -> None:
         """Count a finished view."""
-        self._said_s = time.monotonic()
-        self._bar.advance(self._task)
+        self._display.postpone_line()
+        self._display.advance()
 
-    def _tell(self) -> None:
+    def _show(self, now: str) -> None:
+        self._now = now
+        self._display.describe(now)
+
+    def _print_lines(self) -> None:
         while not self._ended.wait(self._every_s / 10):
-            now_s = time.monotonic()
-            if now_s - self._said_s >= self._every_s:
-                self._said_s = now_s
-                typer.echo(f"{self._now}, {now_s - self._began_s:.0f} s", err=True)
+            elapsed_s = time.monotonic() - self._began_s
+            self._display.print_if_due(f"{self._now}, {elapsed_s:.0f} s")

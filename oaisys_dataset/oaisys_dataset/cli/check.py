@@ -34,21 +34,12 @@ def check(
     Exit code 0: nothing is wrong; 1: something is; 2: there is no data set.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
-
     from oaisys_core.output.records import write_json
+    from oaisys_core.system.progress_display import ProgressDisplay
     from oaisys_dataset.check import check_dataset
 
-    console = Console(stderr=True)
-    with own_stdout(), ProgressBar(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("checking worlds", total=None)
-        report = check_dataset(
-            dataset,
-            worlds_rebuilt,
-            seed,
-            lambda done, total: bar.update(task, completed=done, total=total),
-        )
+    with own_stdout(), ProgressDisplay("checking worlds") as display:
+        report = check_dataset(dataset, worlds_rebuilt, seed, display.count)
     if out is not None:
         write_json(out, report.as_json())
     typer.echo("\n".join(_lines(report)))

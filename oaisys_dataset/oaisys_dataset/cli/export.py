@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -104,10 +102,11 @@ def export_place(place: str, name: str) -> str:
 
 def write_export(dataset: Dataset, name: str, target: str, options: ExportOptions) -> None:
     """Write a data set in a format, show the progress, and print what was written."""
+    from oaisys_core.system.progress_display import ProgressDisplay
     from oaisys_dataset.formats.export import export_dataset
 
-    with _progress(name, len(dataset)) as shown:
-        counts = export_dataset(dataset, name, target, replace(options, progress=shown))
+    with ProgressDisplay(name, len(dataset)) as display:
+        counts = export_dataset(dataset, name, target, replace(options, progress=display.count))
     told = "; ".join(f"{count} {what}" for what, count in counts.items() if count)
     typer.echo(f"{target}: {name}: {told}")
 
@@ -140,24 +139,3 @@ def _described(found: DatasetFormat) -> str:
     about = (type(found).__doc__ or "").split("\n")[0]
     settings = [f"    --set {name}=...: {meaning}" for name, meaning in found.settings.items()]
     return "\n".join([f"{found.name}: {about}", *settings])
-
-
-@contextmanager
-def _progress(name: str, frames: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar on a terminal; yields what is called with the number of frames written."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task(name, total=frames)
-        yield lambda done: bar.update(task, completed=done)

@@ -3,95 +3,53 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from functools import partial
+from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-from rich.progress import Progress as ProgressBar
+
+from oaisys_core.system.progress_display import ProgressDisplay
 
 if TYPE_CHECKING:
     from oaisys_dataset.rendering import DatasetSummary
 
-LINE_EVERY_S = 5.0
 
+class DatasetProgress(ProgressDisplay):
+    """Shows worlds, views, frames per hour and the time left; use it in a ``with`` block.
 
-class DatasetProgress:
-    """Shows worlds, views, frames per hour and the time left; use it in a ``with`` block."""
+    Args:
+        summary: What it shows; changed by others.
+        views_per_world: Number of views of each world.
+    """
 
-    def __init__(
-        self,
-        summary: DatasetSummary,
-        views_per_world: int,
-        console: Console,
-        every_s: float = LINE_EVERY_S,
-    ) -> None:
-        """Prepare the display.
-
-        Args:
-            summary: What it shows; changed by others.
-            views_per_world: Number of views of each world.
-            console: Console for the bar.
-            every_s: Least time between two lines, if there is no bar.
-        """
+    def __init__(self, summary: DatasetSummary, views_per_world: int) -> None:
         self._summary = summary
         self._views_per_world = views_per_world
-        self._is_bar = console.is_terminal
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("views, {task.description}"))
-        self._bar = ProgressBar(*columns, console=console)
-        total = summary.planned * views_per_world
-        done = summary.kept * views_per_world
-        self._task = self._bar.add_task("starting", total=total, completed=done)
-        self._every_s = every_s
-        self._began_s = self._said_s = time.monotonic()
-
-    def __enter__(self) -> Self:
-        """Start the display."""
-        if self._is_bar:
-            self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stop the display."""
-        self.stop()
-
-    def stop(self) -> None:
-        """Stop the display; lines can then be printed."""
-        if self._is_bar:
-            self._bar.stop()
+        self._total = summary.planned * views_per_world
+        self._kept = summary.kept * views_per_world
+        self._began_s = time.monotonic()
+        super().__init__(
+            "starting", self._total, self._kept, print_line=partial(typer.echo, err=True)
+        )
+        self.postpone_line()
 
     def update(self) -> None:
         """Show the summary as it is now."""
-        text = self.described()
-        self._bar.update(self._task, completed=self._views_done(), description=text)
-        now_s = time.monotonic()
-        if not self._is_bar and now_s - self._said_s >= self._every_s:
-            self._said_s = now_s
-            total = self._summary.planned * self._views_per_world
-            typer.echo(f"{self._views_done()} of {total} views, {text}", err=True)
-
-    def described(self) -> str:
-        """Return the worlds that are finished, the frames per hour and the time left."""
+        done = self._summary.views_done(self._views_per_world)
+        self.count(done)
         summary, elapsed_s = self._summary, time.monotonic() - self._began_s
-        worlds = f"{summary.kept + summary.finished} of {summary.planned} worlds"
+        text = f"{summary.kept + summary.finished} of {summary.planned} worlds"
         if summary.failures:
-            worlds += f", {len(summary.failures)} failed"
+            text += f", {len(summary.failures)} failed"
         if not summary.frames:
-            return f"{worlds}, the first view takes {elapsed_s:.0f} s so far"
-        total = summary.planned * self._views_per_world
-        now, before = self._views_done(), summary.kept * self._views_per_world
-        seconds_left = elapsed_s / (now - before) * (total - now)
-        rate = summary.frames / elapsed_s * 3600
-        return f"{worlds}, {rate:.0f} frames/h, {duration(seconds_left)} left"
-
-    def _views_done(self) -> int:
-        return self._summary.views_done(self._views_per_world)
+            text += f", the first view takes {elapsed_s:.0f} s so far"
+            left = ""
+        else:
+            text += f", {summary.frames / elapsed_s * 3600:.0f} frames/h"
+            seconds_left = elapsed_s / (done - self._kept) * (self._total - done)
+            left = f", {duration(seconds_left)} left"
+        self.describe(text)
+        self.print_if_due(f"{done} of {self._total} views, {text}{left}")
 
 
 def duration(seconds: float) -> str:

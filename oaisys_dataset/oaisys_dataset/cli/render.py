@@ -130,13 +130,11 @@ def repeat(
 
 
 def _run(rendering: DatasetRendering, settings: RaySettings) -> None:
-    from rich.console import Console
-
     from oaisys_dataset.cli.progress import DatasetProgress
     from oaisys_dataset.manifest import WorldFailure
 
     summary = rendering.summary
-    with DatasetProgress(summary, rendering.info.views, Console(stderr=True)) as shown:
+    with DatasetProgress(summary, rendering.info.views) as shown:
         try:
             for event in rendering.run(settings):
                 if isinstance(event, WorldFailure):

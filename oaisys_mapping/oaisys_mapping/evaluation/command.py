@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,12 +75,12 @@ def evaluate(
     # `oaisys --help` imports this module, so slow imports wait until the command runs.
     import numpy as np
 
+    from oaisys_core.system.progress_display import show_stages
     from oaisys_mapping.certificate.view_files import read_views
     from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
     from oaisys_mapping.evaluation.thresholds import Thresholds
     from oaisys_mapping.evaluation.truth_io import read_truth
     from oaisys_mapping.mesh_io import read_ply
-    from oaisys_mapping.progress import ProgressDisplay
 
     if json_path is not None and not json_path.parent.is_dir():
         raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
@@ -88,7 +89,7 @@ def evaluate(
         raise InvalidInputError("--tau", list(taus_m), "metres above 0")
     views = None if poses is None else read_views(poses)
     field = None if volume is None else _volume(volume, voxel_size)
-    with ProgressDisplay("measuring") as on_progress:
+    with show_stages("measuring", partial(typer.echo, err=True)) as on_progress:
         on_progress("reading the meshes")
         evaluation = evaluate_reconstruction(
             read_ply(mesh),

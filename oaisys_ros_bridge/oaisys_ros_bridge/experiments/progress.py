@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.progress import ProgressDisplay
+from oaisys_core.system.progress_display import ProgressDisplay, show_stages
 
 T = TypeVar("T")
 
@@ -66,26 +66,17 @@ class Reporter:
         elapsed_s = time.monotonic() - self._started_s
         self._console.print(f"[{elapsed_s:6.1f} s] {sentence}", markup=False, soft_wrap=True)
 
-    def stages(self, what: str) -> ProgressDisplay:
+    def stages(self, what: str) -> AbstractContextManager[Callable[[str], None]]:
         """Return a display for the stages of a long computation; use it in a ``with`` block."""
-        return ProgressDisplay(what, self.say, self._console)
+        return show_stages(what, self.say, self._console)
 
     def track(self, items: Sequence[T], what: str) -> Iterator[T]:
         """Yield the items, showing how many are done."""
         self._done, self._total, self._what = 0, len(items), what
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(
-            *columns, console=self._console, disable=not self._console.is_terminal
-        ) as bar:
-            task = bar.add_task(what, total=len(items))
+        with ProgressDisplay(what, len(items), console=self._console) as display:
             for item in items:
                 yield item
-                bar.advance(task)
+                display.advance()
 
     def step(self, sentence: str) -> None:
         """Print a line on the tracked item, unless a bar is shown."""

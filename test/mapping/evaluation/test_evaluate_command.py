@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
+from oaisys_core.system.progress_display import show_stages
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
-from oaisys_mapping import progress
 from oaisys_mapping.certificate.view_files import read_views, write_views
 from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
 from oaisys_mapping.evaluation.truth_io import read_truth, write_truth
@@ -88,9 +88,7 @@ def test_without_a_terminal_a_line_is_printed_every_few_seconds(
     now_s = [0.0]
     said: list[str] = []
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
-    with progress.ProgressDisplay(
-        "measuring", said.append, Console(file=StringIO())
-    ) as on_progress:
+    with show_stages("measuring", said.append, Console(file=StringIO())) as on_progress:
         for view in range(40):
             now_s[0] = 0.5 * view
             on_progress(f"view {view}")
