@@ -5,19 +5,14 @@ A *frame* is what one camera shows at one view of a world, in all modalities.
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Self
 
-import numpy as np
 from pydantic import Field
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import is_rigid
 from oaisys_core.output.record_types import (
-    Bytes,
     CameraFields,
     Count,
     Degrees,
@@ -37,50 +32,32 @@ from oaisys_core.output.record_types import (
     Share,
     SplitName,
     Text,
-    checked_as,
     fields_of,
 )
-from oaisys_core.output.records import (
-    intrinsics_from_record,
-    pose_from_record,
-    provenance_from_record,
-)
-from oaisys_core.types import FloatArray, FrameName, PinholeIntrinsics, SampleOutline
-from oaisys_dataset.parsing import parsed_json, shortened
-
-if TYPE_CHECKING:
-    from oaisys_dataset.scans import ScanRecord
+from oaisys_core.output.records import intrinsics_from_record
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_dataset.records import FileRecord, Record, SensorRecord
 
 FORMAT_VERSION = 1
 """Version of the files; readers refuse later ones."""
 
-VARYING_FIELDS = frozenset({"worker", "seconds"})
-"""The fields of a record that may differ between two runs of the same data set."""
-
 
 @dataclass(frozen=True)
-class ImageRecord:
+class ImageRecord(FileRecord):
     """An image file in a shard.
 
     Attributes:
-        file: Name of the member of the tar file.
-        offset, size: Where the file's bytes begin in the tar file, and how many they are.
-        sha256: Hash of the file's bytes.
         pixels_sha256: Hash of the array's bytes, little-endian, row by row.
         dtype, shape: Of the array, such as ``uint8`` and (480, 640, 3).
     """
 
-    file: Name
-    offset: Bytes
-    size: Bytes
-    sha256: Sha256
     pixels_sha256: Sha256
     dtype: Text
     shape: Shape
 
 
 @dataclass(frozen=True)
-class FrameRecord:
+class FrameRecord(SensorRecord):
     """A line of the manifest: what a frame shows, and how to render it again.
 
     Attributes:
@@ -105,6 +82,9 @@ class FrameRecord:
         sun_elevation_deg, sun_azimuth_deg: Where the sun is in ``map``; the azimuth is counted from
             x towards y. None if it is not known.
     """
+
+    id_field: ClassVar[str] = "frame_id"
+    pose_field: ClassVar[str] = "T_map_camera"
 
     frame_id: Name
     world: Ordinal
@@ -133,67 +113,18 @@ class FrameRecord:
         return intrinsics_from_record(self.intrinsics)
 
     @property
-    def pose(self) -> FloatArray:
-        """``T_map_camera`` as a (4, 4) array."""
-        return np.array(self.T_map_camera, np.float64)
+    def modalities(self) -> Iterable[str]:
+        """The modalities of its images."""
+        return self.images
 
     def contradictions(self) -> Iterator[tuple[str, object, str]]:
         """Yield each field that contradicts others: its name, its value, what was expected."""
-        yield from contradictions(self, self.frame_id, "frame_id", "T_map_camera")
+        yield from super().contradictions()
         camera = self.camera
         size = (camera.height_px, camera.width_px)
         for modality, image in self.images.items():
             if image.shape[:2] != size:
                 yield f"images.{modality}.shape", image.shape, f"{size}, the size of its camera"
-
-    def outline(self) -> SampleOutline:
-        """Return the outline from which `Simulation.repeat` renders this sensor's images again."""
-        return recorded_outline(self, self.images)
-
-    def to_json(self) -> str:
-        """Return the record and its hash as one line, without its end; inverse: `from_json`."""
-        return signed(asdict(self), VARYING_FIELDS)
-
-    @classmethod
-    def from_json(cls, line: str | bytes, name: str = "line") -> FrameRecord:
-        """Return the record of a line; errors call it ``name``.
-
-        Raises:
-            InvalidInputError: It is not the record of a frame.
-        """
-        return checked_as(cls, record_fields(cls, line, name), name)
-
-
-def contradictions(
-    record: FrameRecord | ScanRecord, name: str, name_field: str, pose_field: str
-) -> Iterator[tuple[str, object, str]]:
-    """Yield what contradicts itself in a record of any sensor, see `FrameRecord.contradictions`."""
-    expected = frame_id(record.world, record.view, record.sensor)
-    if name != expected:
-        yield name_field, name, f"{expected}, after its world, view and sensor"
-    if not is_rigid(record.pose):
-        yield pose_field, record.pose.tolist(), "a rotation and a translation"
-
-
-def recorded_outline(record: FrameRecord | ScanRecord, modalities: Iterable[str]) -> SampleOutline:
-    """Return the outline from which `Simulation.repeat` renders one sensor's data again."""
-    return SampleOutline(
-        batch_id=record.world + 1,
-        sample_id=record.view + 1,
-        rig_pose=pose_from_record(record.rig_pose),
-        frames=tuple(FrameName(record.sensor, modality) for modality in modalities),
-        provenance=provenance_from_record(record.provenance),
-    )
-
-
-def world_name(world: int) -> str:
-    """Return the name of a world's files, such as ``world_000012``."""
-    return f"world_{world:06d}"
-
-
-def frame_id(world: int, view: int, sensor: str) -> str:
-    """Return the id of a frame, such as ``000012_0003_camera``."""
-    return f"{world:06d}_{view:04d}_{sensor}"
 
 
 @dataclass(frozen=True)
@@ -214,7 +145,7 @@ class LegendInstance:
 
 
 @dataclass(frozen=True)
-class WorldLegend:
+class WorldLegend(Record):
     """What the ids in the label images of a world mean.
 
     Attributes:
@@ -222,28 +153,17 @@ class WorldLegend:
         instances: Objects by instance id.
     """
 
+    has_hash: ClassVar[bool] = True
+
     labels: Mapping[LabelId, Label]
     instances: Mapping[InstanceId, LegendInstance]
 
-    def to_json(self) -> str:
-        """Return the legend as JSON; inverse: `from_json`."""
-        legend = WorldLegend(
-            dict(sorted(self.labels.items())), dict(sorted(self.instances.items()))
-        )
-        return signed(asdict(legend))
-
-    @classmethod
-    def from_json(cls, text: str | bytes, name: str = "legend") -> WorldLegend:
-        """Return the legend of a JSON text; errors call it ``name``.
-
-        Raises:
-            InvalidInputError: It is no legend.
-        """
-        return checked_as(cls, record_fields(cls, text, name), name)
+    def _data(self) -> dict[str, Any]:
+        return {name: dict(sorted(by_id.items())) for name, by_id in super()._data().items()}
 
 
 @dataclass(frozen=True)
-class WorldFailure:
+class WorldFailure(Record):
     """A world that could not be made.
 
     Attributes:
@@ -260,19 +180,6 @@ class WorldFailure:
     reason: Text
     attempts: Number = 1
 
-    def to_json(self) -> str:
-        """Return the failure as JSON; inverse: `from_json`."""
-        return json.dumps(asdict(self), indent=2) + "\n"
-
-    @classmethod
-    def from_json(cls, text: str | bytes, name: str = "failure") -> WorldFailure:
-        """Return the failure of a JSON text.
-
-        Raises:
-            InvalidInputError: It is none.
-        """
-        return checked_as(cls, record_fields(cls, text, name), name)
-
 
 @dataclass(frozen=True)
 class _ConfigFields:
@@ -282,7 +189,7 @@ class _ConfigFields:
 
 
 @dataclass(frozen=True)
-class DatasetInfo:
+class DatasetInfo(Record):
     """What a data set is, written before its first world.
 
     Attributes:
@@ -306,59 +213,15 @@ class DatasetInfo:
     options: Mapping[str, Any] = field(default_factory=dict)
     version: Number = FORMAT_VERSION
 
-    def to_json(self) -> str:
-        """Return the head of the data set as JSON; inverse: `from_json`."""
-        return json.dumps(asdict(self), indent=2) + "\n"
-
     @classmethod
-    def from_json(cls, text: str | bytes, name: str = "dataset.json") -> DatasetInfo:
+    def from_json(cls, text: str | bytes, name: str = "record") -> Self:
         """Return the head of a data set; errors call it ``name``.
 
         Raises:
             InvalidInputError: It is none, or of a later version.
         """
-        info = checked_as(cls, record_fields(cls, text, name), name)
+        info = super().from_json(text, name)
         if info.version != FORMAT_VERSION:
             expected = f"version {FORMAT_VERSION}, which this program reads"
             raise InvalidInputError(f"{name}: version", info.version, expected)
         return info
-
-
-SHA256 = "sha256"
-"""Key of the hash of a line of the manifest, or of a legend: of its JSON text without the hash."""
-
-
-def is_intact(text: str | bytes) -> bool:
-    """Return whether a line of the manifest or a legend has the hash of its content."""
-    try:
-        data = parsed_json(text, SHA256)
-        found = data.pop(SHA256)
-    except (InvalidInputError, KeyError, AttributeError, TypeError):
-        return False
-    return bool(found == _sha256(data, VARYING_FIELDS))
-
-
-def signed(data: dict[str, Any], without: Collection[str] = ()) -> str:
-    """Return JSON with a hash of all fields but those in ``without``; see `is_intact`."""
-    return json.dumps({**data, SHA256: _sha256(data, without)}, separators=(",", ":"))
-
-
-def _sha256(data: Mapping[str, Any], without: Collection[str]) -> str:
-    kept = {name: value for name, value in data.items() if name not in without}
-    return hashlib.sha256(json.dumps(kept, separators=(",", ":")).encode()).hexdigest()
-
-
-def record_fields(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
-    """Return the fields of a record as JSON has them.
-
-    Raises:
-        InvalidInputError: They are not those of a dataclass; the error calls the text ``name``.
-    """
-    data = parsed_json(text, name)
-    known = {each.name for each in fields(kind)}
-    if isinstance(data, dict):
-        data.pop(SHA256, None)
-    if not isinstance(data, dict) or set(data) != known:
-        received = sorted(data) if isinstance(data, dict) else shortened(text)
-        raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
-    return data

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_dataset.manifest import FrameRecord
 from oaisys_dataset.places import StoragePlace
-from oaisys_dataset.scans import ScanRecord
-from oaisys_dataset.shards import manifest_name, scans_name
+from oaisys_dataset.records import SensorRecord
 
 READERS = 8
 """Manifests that are read at the same time, because a remote place takes long to answer."""
 
-RecordT = TypeVar("RecordT", FrameRecord, ScanRecord)
+RecordT = TypeVar("RecordT", bound=SensorRecord)
 
 
 class WorldManifest(NamedTuple):
@@ -65,8 +62,24 @@ class ManifestLines(Sequence[RecordT]):
     Only the manifest of one world is in memory at a time.
     """
 
-    def __init__(self, place: StoragePlace, manifests: Sequence[WorldManifest]) -> None:
+    def __init__(
+        self,
+        place: StoragePlace,
+        kind: type[RecordT],
+        name_of: Callable[[int], str],
+        manifests: Sequence[WorldManifest],
+    ) -> None:
+        """Keep where the records are.
+
+        Args:
+            place: The data set.
+            kind: Of each record.
+            name_of: Returns the name of a world's manifest.
+            manifests: The manifests.
+        """
         self._place = place
+        self._kind = kind
+        self._name_of = name_of
         self._manifests = manifests
         self._worlds = [manifest.world for manifest in manifests]
         self._firsts = np.cumsum([0, *(len(manifest.ends) for manifest in manifests)])
@@ -114,23 +127,15 @@ class ManifestLines(Sequence[RecordT]):
         manifest = self._manifest(world)
         return self._line(manifest, len(manifest.ends) - 1)
 
-    @abstractmethod
-    def _name(self, world: int) -> str:
-        """Return the name of a world's manifest."""
-
-    @abstractmethod
-    def _parsed(self, line: bytes, name: str) -> RecordT:
-        """Return the record of a line; errors call it ``name``."""
-
     def _line(self, manifest: WorldManifest, line: int) -> RecordT:
-        name = self._name(manifest.world)
+        name = self._name_of(manifest.world)
         held = self._held
         if held is None or held[0] != manifest.world:
             held = self._held = (manifest.world, self._place.read(name))
         begin = int(manifest.ends[line - 1]) if line else 0
         text = held[1][begin : int(manifest.ends[line])]
         where = f"{name}:{line + 1}"
-        record = self._parsed(text, where)
+        record = self._kind.from_json(text, where)
         for field, received, expected in _contradictions(record, manifest):
             raise InvalidInputError(f"{where}: {field}", received, expected)
         return record
@@ -146,28 +151,8 @@ class ManifestLines(Sequence[RecordT]):
         return number if self._worlds[number : number + 1] == [world] else None
 
 
-class FrameRecords(ManifestLines[FrameRecord]):
-    """The frames of a data set."""
-
-    def _name(self, world: int) -> str:
-        return manifest_name(world)
-
-    def _parsed(self, line: bytes, name: str) -> FrameRecord:
-        return FrameRecord.from_json(line, name)
-
-
-class ScanRecords(ManifestLines[ScanRecord]):
-    """The lidar scans of a data set."""
-
-    def _name(self, world: int) -> str:
-        return scans_name(world)
-
-    def _parsed(self, line: bytes, name: str) -> ScanRecord:
-        return ScanRecord.from_json(line, name)
-
-
 def _contradictions(
-    record: FrameRecord | ScanRecord, manifest: WorldManifest
+    record: SensorRecord, manifest: WorldManifest
 ) -> Iterator[tuple[str, object, str]]:
     """Yield each field that contradicts others, or its manifest."""
     for field, expected in (("world", manifest.world), ("split", manifest.split)):

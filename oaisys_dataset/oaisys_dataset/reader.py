@@ -21,8 +21,7 @@ from oaisys_dataset.manifest import (
     WorldLegend,
 )
 from oaisys_dataset.manifest_lines import (
-    FrameRecords,
-    ScanRecords,
+    ManifestLines,
     WorldManifest,
     indexed_manifests,
 )
@@ -42,7 +41,7 @@ from oaisys_dataset.shards import (
     tar_name,
 )
 
-__all__ = ["Dataset", "DatasetSample", "FrameRecords", "WorldLegend", "open_dataset"]
+__all__ = ["Dataset", "DatasetSample", "ManifestLines", "WorldLegend", "open_dataset"]
 
 
 def open_dataset(place: str | Path) -> Dataset:
@@ -97,7 +96,7 @@ class Dataset(Sequence[DatasetSample]):
     ) -> None:
         self.place = place
         self.info = info
-        self.records = FrameRecords(place, manifests)
+        self.records = ManifestLines(place, FrameRecord, manifest_name, manifests)
         self._manifests = tuple(manifests)
 
     @cached_property
@@ -111,14 +110,14 @@ class Dataset(Sequence[DatasetSample]):
         return tuple(dict.fromkeys(manifest.split for manifest in self._manifests))
 
     @cached_property
-    def scans(self) -> ScanRecords:
+    def scans(self) -> ManifestLines[ScanRecord]:
         """The records of the lidar scans; empty if the rig has no lidar."""
         worlds: Iterable[int] = ()
         if self.info.config.get("sensors", {}).get("lidars"):
             names = set(self.place.names(SHARDS))
             worlds = (world for world in self.worlds if scans_name(world) in names)
         found = indexed_manifests(self.place, worlds, scans_name, ScanRecord.from_json)
-        return ScanRecords(self.place, found)
+        return ManifestLines(self.place, ScanRecord, scans_name, found)
 
     @cached_property
     def failures(self) -> tuple[WorldFailure, ...]:

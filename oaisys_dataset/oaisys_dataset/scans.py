@@ -7,17 +7,15 @@ a line of ``shards/world_000012.scans.jsonl``, which only worlds with lidars hav
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from oaisys_core.output.points import decode_points, encode_points
 from oaisys_core.output.record_types import (
-    Bytes,
     Label,
     Matrix,
     Name,
@@ -27,43 +25,28 @@ from oaisys_core.output.record_types import (
     ProvenanceFields,
     Seconds,
     Seed,
-    Sha256,
     SplitName,
     Text,
-    checked_as,
 )
-from oaisys_core.types import POINTS, FloatArray, LidarScan, SampleOutline
-from oaisys_dataset.manifest import (
-    VARYING_FIELDS,
-    contradictions,
-    record_fields,
-    recorded_outline,
-    signed,
-)
+from oaisys_core.types import POINTS, LidarScan
+from oaisys_dataset.records import FileRecord, SensorRecord
 
 
 @dataclass(frozen=True)
-class PointsRecord:
+class PointsRecord(FileRecord):
     """A file of points in a shard.
 
     Attributes:
-        file: Name of the member of the tar file.
-        offset, size: Where the file's bytes begin in the tar file, and how many they are.
-        sha256: Hash of the file's bytes.
         count: Number of points.
         fields: Names of their fields, see `oaisys_core.types.point_dtype`.
     """
 
-    file: Name
-    offset: Bytes
-    size: Bytes
-    sha256: Sha256
     count: Number
     fields: Annotated[tuple[Name, ...], Field(min_length=3, max_length=100)]
 
 
 @dataclass(frozen=True)
-class ScanRecord:
+class ScanRecord(SensorRecord):
     """What is recorded of one scan of one lidar, and how to make it again.
 
     Attributes:
@@ -75,6 +58,9 @@ class ScanRecord:
         world, view, split, world_seed, config_sha256, stamp_s: See `FrameRecord`.
         provenance, rig_pose, worker, seconds, software: See `FrameRecord`.
     """
+
+    id_field: ClassVar[str] = "scan_id"
+    pose_field: ClassVar[str] = "T_map_lidar"
 
     scan_id: Name
     world: Ordinal
@@ -93,30 +79,9 @@ class ScanRecord:
     software: Mapping[Label, Label]
 
     @property
-    def pose(self) -> FloatArray:
-        """``T_map_lidar`` as a (4, 4) array."""
-        return np.array(self.T_map_lidar, np.float64)
-
-    def contradictions(self) -> Iterator[tuple[str, object, str]]:
-        """Yield each field that contradicts others: its name, its value, what was expected."""
-        yield from contradictions(self, self.scan_id, "scan_id", "T_map_lidar")
-
-    def outline(self) -> SampleOutline:
-        """Return the outline from which `Simulation.repeat` makes this scan again."""
-        return recorded_outline(self, (POINTS,))
-
-    def to_json(self) -> str:
-        """Return the record and its hash as one line, without its end; inverse: `from_json`."""
-        return signed(asdict(self), VARYING_FIELDS)
-
-    @classmethod
-    def from_json(cls, line: str | bytes, name: str = "line") -> ScanRecord:
-        """Return the record of a line; errors call it ``name``.
-
-        Raises:
-            InvalidInputError: It is not the record of a scan.
-        """
-        return checked_as(cls, record_fields(cls, line, name), name)
+    def modalities(self) -> Iterable[str]:
+        """The points."""
+        return (POINTS,)
 
 
 class EncodedScan(NamedTuple):

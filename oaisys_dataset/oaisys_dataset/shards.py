@@ -29,15 +29,9 @@ from oaisys_core.types import (
     expected_modality,
     modality_spec,
 )
-from oaisys_dataset.manifest import (
-    DatasetInfo,
-    FrameRecord,
-    ImageRecord,
-    WorldFailure,
-    WorldLegend,
-    world_name,
-)
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, WorldFailure, WorldLegend
 from oaisys_dataset.places import StoragePlace
+from oaisys_dataset.records import world_name
 from oaisys_dataset.scans import EncodedScan, ScanRecord
 
 SHARDS, FAILED = "shards", "failed"

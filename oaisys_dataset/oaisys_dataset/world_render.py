@@ -17,14 +17,9 @@ from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, Frame, LidarScan, ObjectQuery, Sample
-from oaisys_dataset.manifest import (
-    FrameRecord,
-    LegendInstance,
-    WorldFailure,
-    WorldLegend,
-    frame_id,
-)
+from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure, WorldLegend
 from oaisys_dataset.plan import WorldTask
+from oaisys_dataset.records import frame_id
 from oaisys_dataset.scans import EncodedScan, ScanRecord, encoded_points
 from oaisys_dataset.shards import EncodedFrame, encoded_frame
 

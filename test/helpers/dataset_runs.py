@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import psutil
 
-from oaisys_dataset.manifest import VARYING_FIELDS
+from oaisys_dataset.records import VARYING_FIELDS
 
 CONFIG = """
 seed: 3

@@ -16,14 +16,9 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, ObjectQuery, Pose, Sample
-from oaisys_dataset.manifest import (
-    DatasetInfo,
-    FrameRecord,
-    LegendInstance,
-    WorldLegend,
-    frame_id,
-)
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord, LegendInstance, WorldLegend
 from oaisys_dataset.places import open_place
+from oaisys_dataset.records import frame_id
 from oaisys_dataset.shards import HEAD, writing_shard
 
 WORLDS = {0: "train", 1: "train", 2: "val"}

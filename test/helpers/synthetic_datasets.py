@@ -13,14 +13,9 @@ from numpy.typing import NDArray
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.types import PinholeIntrinsics, Provenance
-from oaisys_dataset.manifest import (
-    DatasetInfo,
-    FrameRecord,
-    LegendInstance,
-    WorldLegend,
-    frame_id,
-)
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord, LegendInstance, WorldLegend
 from oaisys_dataset.places import open_place
+from oaisys_dataset.records import frame_id
 from oaisys_dataset.shards import HEAD, writing_shard
 
 CAMERA = PinholeIntrinsics(16, 12, 14.0, 14.0, 7.5, 5.5)

@@ -16,9 +16,10 @@ from oaisys_core.geometry import is_rigid
 from oaisys_core.output.records import pose_from_record, provenance_from_record
 from oaisys_core.types import POINTS
 from oaisys_dataset.check.report import ShardResult
-from oaisys_dataset.manifest import DatasetInfo, FrameRecord, frame_id, is_intact
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord
 from oaisys_dataset.manifest_lines import RecordT
 from oaisys_dataset.places import StoragePlace
+from oaisys_dataset.records import SensorRecord, frame_id, is_intact
 from oaisys_dataset.scans import ScanRecord
 from oaisys_dataset.shards import manifest_name, scans_name
 
@@ -101,7 +102,7 @@ def _checked_lines(
             result.found("manifest", where, str(error))
             continue
         if not is_intact(line):
-            result.found("manifest", _id(record), "the line was changed: its hash differs")
+            result.found("manifest", record.id, "the line was changed: its hash differs")
         records.append(record)
     return records
 
@@ -131,9 +132,9 @@ def _check_scan(record: ScanRecord, info: DatasetInfo, result: ShardResult) -> N
     _check_file(record.points.file, record.scan_id, POINTS, result)
 
 
-def _check_origin(record: FrameRecord | ScanRecord, info: DatasetInfo, result: ShardResult) -> None:
+def _check_origin(record: SensorRecord, info: DatasetInfo, result: ShardResult) -> None:
     """Compare what says where a record is from."""
-    name = _id(record)
+    name = record.id
     expected_id = frame_id(result.world, record.view, record.sensor)
     if name != expected_id or record.world != result.world:
         result.found("manifest", name, f"received world {record.world}, expected {expected_id}")
@@ -155,9 +156,9 @@ def _check_file(file: str, name: str, modality: str, result: ShardResult) -> Non
         result.found("manifest", f"{name}/{modality}", text)
 
 
-def _check_world(records: Sequence[FrameRecord | ScanRecord], result: ShardResult) -> None:
+def _check_world(records: Sequence[SensorRecord], result: ShardResult) -> None:
     """Check that a world has one split and one seed, and that no id comes twice."""
-    for each, count in Counter(map(_id, records)).items():
+    for each, count in Counter(record.id for record in records).items():
         if count > 1:
             result.found("manifest", each, f"{count} lines have this id")
     result.splits = {record.split for record in records}
@@ -171,7 +172,7 @@ def _check_world(records: Sequence[FrameRecord | ScanRecord], result: ShardResul
 
 
 def _check_views(
-    records: Sequence[FrameRecord | ScanRecord],
+    records: Sequence[SensorRecord],
     due: Mapping[str, Sequence[int]],
     name: str,
     result: ShardResult,
@@ -184,7 +185,3 @@ def _check_views(
             shown = ", ".join(map(str, missing[:5]))
             text = f"{len(missing)} of {len(views)} views of {sensor}: {shown}"
             result.found("missing", name, text)
-
-
-def _id(record: FrameRecord | ScanRecord) -> str:
-    return record.frame_id if isinstance(record, FrameRecord) else record.scan_id

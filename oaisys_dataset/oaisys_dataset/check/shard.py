@@ -18,14 +18,9 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import DEPTH, INSTANCE, POINTS, RANGE, SEMANTIC_0, semantic_level
 from oaisys_dataset.check.manifests import DueViews, checked_manifests
 from oaisys_dataset.check.report import ShardResult
-from oaisys_dataset.manifest import (
-    DatasetInfo,
-    FrameRecord,
-    ImageRecord,
-    WorldLegend,
-    is_intact,
-)
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, WorldLegend
 from oaisys_dataset.places import StoragePlace
+from oaisys_dataset.records import is_intact
 from oaisys_dataset.scans import PointsRecord, ScanRecord, read_scan
 from oaisys_dataset.shards import (
     LEGEND,
@@ -117,7 +112,7 @@ def _legend(data: mmap.mmap, members: dict[str, tuple[int, int]]) -> WorldLegend
     text = data[offset : offset + size]
     if not is_intact(text):
         raise ValueError(f"{LEGEND} was changed: its hash differs")
-    return WorldLegend.from_json(text)
+    return WorldLegend.from_json(text, "legend")
 
 
 def _check_frame(

@@ -21,7 +21,7 @@ from oaisys_dataset.formats.depth_points import POINTS_PER_VIEW, world_points
 from oaisys_dataset.formats.sequences import (
     colored_worlds,
 )
-from oaisys_dataset.manifest import world_name
+from oaisys_dataset.records import world_name
 
 if TYPE_CHECKING:
     from oaisys_dataset.manifest import FrameRecord

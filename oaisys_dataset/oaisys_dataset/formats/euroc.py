@@ -27,7 +27,7 @@ from oaisys_dataset.formats.sequences import (
     rate_hz,
     write_lines,
 )
-from oaisys_dataset.manifest import world_name
+from oaisys_dataset.records import world_name
 from oaisys_dataset.shards import read_pixels
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from oaisys_dataset.formats.base import (
     ExportOptions,
     FormatConventions,
 )
-from oaisys_dataset.manifest import world_name
+from oaisys_dataset.records import world_name
 
 if TYPE_CHECKING:
     import h5py

@@ -26,7 +26,7 @@ from oaisys_dataset.formats.sequences import (
     colored_worlds,
     write_depth_png,
 )
-from oaisys_dataset.manifest import world_name
+from oaisys_dataset.records import world_name
 
 if TYPE_CHECKING:
     from oaisys_dataset.manifest import FrameRecord

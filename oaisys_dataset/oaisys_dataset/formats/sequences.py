@@ -15,7 +15,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.output.images import MAX_IN_PNG, encode_image
 from oaisys_core.types import DEPTH, RGB, FloatArray, PinholeIntrinsics
 from oaisys_dataset.formats.base import write_file
-from oaisys_dataset.manifest import world_name
+from oaisys_dataset.records import world_name
 from oaisys_dataset.shards import read_pixels
 
 if TYPE_CHECKING:

@@ -25,10 +25,11 @@ from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, PinholeIntrinsics, Provenance
 from oaisys_dataset import engine, open_dataset
 from oaisys_dataset.engine import WorldFinished
-from oaisys_dataset.manifest import FrameRecord, WorldFailure, WorldLegend, frame_id
+from oaisys_dataset.manifest import FrameRecord, WorldFailure, WorldLegend
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import WorldTask
 from oaisys_dataset.ray_session import RaySettings
+from oaisys_dataset.records import frame_id
 from oaisys_dataset.rendering import DatasetRendering, dataset_info
 from oaisys_dataset.shards import encoded_frame
 from oaisys_dataset.workers import ViewCounts, WorldBegun, WorldPart
