@@ -14,13 +14,9 @@ from oaisys_core.types import (
     PlannedTrajectory,
     TimedPoses,
 )
-from oaisys_grpc.contract.metadata import (
-    pose_from_proto,
-    pose_to_proto,
-    vector_from_proto,
-    vector_to_proto,
-)
-from oaisys_grpc.contract.sample_messages import odometry_from_proto, odometry_to_proto
+from oaisys_grpc.contract.conversion import Conversion, RecordConversion, each
+from oaisys_grpc.contract.metadata import POSE, VECTOR
+from oaisys_grpc.contract.sample_messages import ODOMETRY
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 MAX_POSES = 50_000
@@ -54,32 +50,10 @@ def poses_from_proto(message: pb.TimedPoses) -> TimedPoses:
     )
 
 
-def trajectory_to_proto(trajectory: PlannedTrajectory) -> pb.Trajectory:
-    """Return the message of a planned trajectory; inverse: `trajectory_from_proto`."""
-    return pb.Trajectory(
-        name=trajectory.name,
-        poses=poses_to_proto(trajectory.poses),
-        end_s=trajectory.end_s,
-        length_m=trajectory.length_m,
-        gravity_m_s2=trajectory.gravity_m_s2,
-        odometry_rate_hz=trajectory.odometry_rate_hz,
-        obstacle=trajectory.obstacle,
-        odometry_drift_json=trajectory.odometry_drift_json,
-    )
-
-
-def trajectory_from_proto(message: pb.Trajectory) -> PlannedTrajectory:
-    """Return a planned trajectory."""
-    return PlannedTrajectory(
-        name=message.name,
-        poses=poses_from_proto(message.poses),
-        end_s=message.end_s,
-        length_m=message.length_m,
-        gravity_m_s2=message.gravity_m_s2,
-        odometry_rate_hz=message.odometry_rate_hz,
-        obstacle=message.obstacle,
-        odometry_drift_json=message.odometry_drift_json,
-    )
+_TRAJECTORY = RecordConversion(
+    PlannedTrajectory, pb.Trajectory, poses=Conversion(poses_to_proto, poses_from_proto)
+)
+trajectory_to_proto, trajectory_from_proto = _TRAJECTORY.to_proto, _TRAJECTORY.from_proto
 
 
 def outline_to_header(outline: DriveOutline, instant_count: int) -> pb.DriveHeader:
@@ -110,46 +84,22 @@ def counts_to_proto(due: Mapping[str, int], sent: Mapping[str, int]) -> list[pb.
     return [pb.DriveCount(sensor=name, due=n, sent=sent.get(name, 0)) for name, n in due.items()]
 
 
-def instant_to_proto(instant: DriveInstant) -> pb.DriveInstant:
-    """Return the message of an instant without its sample; inverse: `instant_from_proto`."""
-    return pb.DriveInstant(
-        time_ns=instant.time_ns,
-        pose=pose_to_proto(instant.pose),
-        velocity_m_s=vector_to_proto(instant.velocity_m_s),
-        angular_rate_rad_s=vector_to_proto(instant.angular_rate_rad_s),
-        has_odometry=instant.has_odometry,
-        imus=[
-            pb.ImuMeasurement(
-                sensor=reading.sensor,
-                angular_rate_rad_s=vector_to_proto(reading.angular_rate_rad_s),
-                specific_force_m_s2=vector_to_proto(reading.specific_force_m_s2),
-            )
-            for reading in instant.imus
-        ],
-        sensors=instant.sensors,
-        odometry=odometry_to_proto(instant.odometry),
-    )
+_IMU = RecordConversion(
+    ImuReading, pb.ImuMeasurement, angular_rate_rad_s=VECTOR, specific_force_m_s2=VECTOR
+)
+_INSTANT = RecordConversion(
+    DriveInstant,
+    pb.DriveInstant,
+    without="sample",
+    pose=POSE,
+    velocity_m_s=VECTOR,
+    angular_rate_rad_s=VECTOR,
+    imus=each(_IMU),
+    odometry=ODOMETRY,
+)
+"""An instant, whose sample travels by itself."""
 
-
-def instant_from_proto(message: pb.DriveInstant) -> DriveInstant:
-    """Return an instant, whose sample is still to come."""
-    return DriveInstant(
-        time_ns=message.time_ns,
-        pose=pose_from_proto(message.pose),
-        velocity_m_s=vector_from_proto(message.velocity_m_s),
-        angular_rate_rad_s=vector_from_proto(message.angular_rate_rad_s),
-        has_odometry=message.has_odometry,
-        odometry=odometry_from_proto(message),
-        imus=tuple(
-            ImuReading(
-                reading.sensor,
-                vector_from_proto(reading.angular_rate_rad_s),
-                vector_from_proto(reading.specific_force_m_s2),
-            )
-            for reading in message.imus
-        ),
-        sensors=tuple(message.sensors),
-    )
+instant_to_proto, instant_from_proto = _INSTANT.to_proto, _INSTANT.from_proto
 
 
 def sent_counts(end: pb.DriveEnd) -> dict[str, int]:

@@ -16,6 +16,7 @@ from google.protobuf.struct_pb2 import Struct, Value
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import checked_pose
 from oaisys_core.types import ModuleMetadata, Pose
+from oaisys_grpc.contract.conversion import Conversion
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 MAX_NAMES = 1000
@@ -59,6 +60,10 @@ def vector_to_proto(vector: tuple[float, float, float]) -> pb.Vector3:
 def vector_from_proto(message: pb.Vector3) -> tuple[float, float, float]:
     """Return the vector of a message."""
     return (message.x, message.y, message.z)
+
+
+VECTOR = Conversion(vector_to_proto, vector_from_proto)
+POSE = Conversion(pose_to_proto, pose_from_proto)
 
 
 def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:

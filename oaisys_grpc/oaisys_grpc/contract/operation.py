@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from operator import attrgetter
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import Progress
+from oaisys_grpc.contract.conversion import Conversion, RecordConversion
 from oaisys_grpc.contract.errors import code_of
 from oaisys_grpc.contract.faults import Fault, error_from_fault, fault_from_error
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -53,49 +55,26 @@ class OperationStatus:
     sample_id: int = 0
 
 
-def status_to_proto(status: OperationStatus) -> pb.Operation:
-    """Return the message of a status; inverse: `status_from_proto`."""
-    message = pb.Operation(
-        name=status.name,
-        kind=status.kind.value,
-        state=status.state.value,
-        progress=progress_to_proto(status.progress),
-        batch_id=status.batch_id,
-        sample_id=status.sample_id,
-    )
-    if status.error is not None:
-        fault = fault_from_error(status.error)
-        code, _ = code_of(fault.reason).value
-        message.error.CopyFrom(pb.OperationError(code=code, **vars(fault)))
-    return message
+def _error_to_proto(error: OaisysError) -> pb.OperationError:
+    fault = fault_from_error(error)
+    code, _ = code_of(fault.reason).value
+    return pb.OperationError(code=code, **vars(fault))
 
 
-def status_from_proto(message: pb.Operation) -> OperationStatus:
-    """Return a status."""
-    error = message.error
-    return OperationStatus(
-        name=message.name,
-        kind=Kind(message.kind),
-        state=State(message.state),
-        progress=progress_from_proto(message.progress),
-        error=error_from_fault(_fault(error)) if message.HasField("error") else None,
-        batch_id=message.batch_id,
-        sample_id=message.sample_id,
-    )
+def _error_from_proto(message: pb.OperationError) -> OaisysError:
+    texts = (message.message, message.field, message.received, message.expected)
+    return error_from_fault(Fault(message.reason, *texts))
 
 
-def _fault(message: pb.OperationError) -> Fault:
-    return Fault(message.reason, message.message, message.field, message.received, message.expected)
+_PROGRESS = RecordConversion(Progress, pb.Progress)
+progress_to_proto, progress_from_proto = _PROGRESS.to_proto, _PROGRESS.from_proto
 
-
-def progress_to_proto(progress: Progress) -> pb.Progress:
-    """Return the message of a progress; inverse: `progress_from_proto`."""
-    return pb.Progress(
-        stage=progress.stage, fraction=progress.fraction, seconds_left=progress.seconds_left
-    )
-
-
-def progress_from_proto(message: pb.Progress) -> Progress:
-    """Return a progress."""
-    left_s = message.seconds_left if message.HasField("seconds_left") else None
-    return Progress(message.stage, message.fraction, left_s)
+_STATUS = RecordConversion(
+    OperationStatus,
+    pb.Operation,
+    kind=Conversion(attrgetter("value"), Kind),
+    state=Conversion(attrgetter("value"), State),
+    progress=_PROGRESS,
+    error=Conversion(_error_to_proto, _error_from_proto),
+)
+status_to_proto, status_from_proto = _STATUS.to_proto, _STATUS.from_proto

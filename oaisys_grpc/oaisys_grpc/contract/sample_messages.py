@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +30,8 @@ from oaisys_core.types import (
 )
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import AnyArray
-from oaisys_grpc.contract.metadata import pose_from_proto, pose_to_proto
+from oaisys_grpc.contract.conversion import Conversion, RecordConversion, each
+from oaisys_grpc.contract.metadata import POSE
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 
@@ -100,32 +101,47 @@ def _with_provenance(frame: FrameMessage, provenance: pb.Provenance) -> FrameMes
     return FrameMessage(header, frame.image)
 
 
+def matrix_from_proto(values: Sequence[float]) -> FloatArray:
+    """Return the (4, 4) float64 transform of 16 row-major values; inverse: `matrix_to_proto`."""
+    return np.array(values[:], dtype=np.float64).reshape(4, 4)
+
+
+def matrix_to_proto(T: FloatArray) -> list[float]:
+    """Return a matrix's values, row by row."""
+    values: list[float] = np.asarray(T, dtype=np.float64).ravel().tolist()
+    return values
+
+
+MATRIX = Conversion(matrix_to_proto, matrix_from_proto)
+
+INTRINSICS = RecordConversion(
+    PinholeIntrinsics,
+    pb.Intrinsics,
+    # A server of an earlier version names no model.
+    distortion_model=Conversion(str, lambda model: model or PLUMB_BOB),
+)
+intrinsics_to_proto, intrinsics_from_proto = INTRINSICS.to_proto, INTRINSICS.from_proto
+
+_PROVENANCE = RecordConversion(Provenance, pb.Provenance)
+provenance_to_proto, provenance_from_proto = _PROVENANCE.to_proto, _PROVENANCE.from_proto
+
+ODOMETRY = RecordConversion(Odometry, pb.Odometry, pose=POSE)
+
+_OUTLINE = RecordConversion(
+    SampleOutline,
+    pb.SampleHeader,
+    rig_pose=POSE,
+    frames=each(RecordConversion(FrameName, pb.FrameName)),
+    provenance=_PROVENANCE,
+    odometry=ODOMETRY,
+)
+outline_from_proto = _OUTLINE.from_proto
+
+
 def outline_to_proto(outline: SampleOutline, render_time_s: float = 0.0) -> pb.SampleHeader:
     """Return the header of a sample; inverse: `outline_from_proto`."""
-    return pb.SampleHeader(
-        batch_id=outline.batch_id,
-        sample_id=outline.sample_id,
-        rig_pose=pose_to_proto(outline.rig_pose),
-        render_time_s=render_time_s,
-        provenance=provenance_to_proto(outline.provenance),
-        frame_count=len(outline.frames),
-        from_cache=outline.from_cache,
-        odometry=odometry_to_proto(outline.odometry),
-        frames=[pb.FrameName(sensor=n.sensor, modality=n.modality) for n in outline.frames],
-    )
-
-
-def outline_from_proto(header: pb.SampleHeader) -> SampleOutline:
-    """Return what a sample's header says."""
-    return SampleOutline(
-        batch_id=header.batch_id,
-        sample_id=header.sample_id,
-        rig_pose=pose_from_proto(header.rig_pose),
-        frames=tuple(FrameName(name.sensor, name.modality) for name in header.frames),
-        provenance=provenance_from_proto(header.provenance),
-        from_cache=header.from_cache,
-        odometry=odometry_from_proto(header),
-    )
+    count = len(outline.frames)
+    return _OUTLINE.to_proto(outline, render_time_s=render_time_s, frame_count=count)
 
 
 def frame_to_message(frame: Frame, outline: SampleOutline) -> FrameMessage:
@@ -299,61 +315,3 @@ def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
     return pb.FrameHeader(
         intrinsics=intrinsics_to_proto(intrinsics), k=matrix_to_proto(intrinsics.K)
     )
-
-
-def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:
-    """Return the message of a camera's intrinsics; inverse: `intrinsics_from_proto`."""
-    values = {name: getattr(intrinsics, name) for name in _INTRINSICS}
-    model = intrinsics.distortion_model
-    return pb.Intrinsics(**values, distortion=intrinsics.distortion, distortion_model=model)
-
-
-def intrinsics_from_proto(message: pb.Intrinsics) -> PinholeIntrinsics:
-    """Return a camera's intrinsics."""
-    values = {name: getattr(message, name) for name in _INTRINSICS}
-    # A server of an earlier version names no model.
-    model = message.distortion_model or PLUMB_BOB
-    return PinholeIntrinsics(**values, distortion=tuple(message.distortion), distortion_model=model)
-
-
-_INTRINSICS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
-
-
-def odometry_to_proto(odometry: Odometry | None) -> pb.Odometry | None:
-    """Return the message of an odometry; inverse: `odometry_from_proto`."""
-    if odometry is None:
-        return None
-    pose = pose_to_proto(odometry.pose)
-    return pb.Odometry(pose=pose, sigma_m=odometry.sigma_m, sigma_rad=odometry.sigma_rad)
-
-
-def odometry_from_proto(message: pb.SampleHeader | pb.DriveInstant) -> Odometry | None:
-    """Return the odometry in a sample's header or a drive's instant, if it has one."""
-    if not message.HasField("odometry"):
-        return None
-    found = message.odometry
-    return Odometry(pose_from_proto(found.pose), found.sigma_m, found.sigma_rad)
-
-
-def provenance_to_proto(provenance: Provenance) -> pb.Provenance:
-    """Return the message of a provenance; inverse: `provenance_from_proto`."""
-    return pb.Provenance(**{name: getattr(provenance, name) for name in _PROVENANCE})
-
-
-def provenance_from_proto(message: pb.Provenance) -> Provenance:
-    """Return a provenance."""
-    return Provenance(**{name: getattr(message, name) for name in _PROVENANCE})
-
-
-_PROVENANCE = tuple(each.name for each in fields(Provenance))
-
-
-def matrix_from_proto(values: Sequence[float]) -> FloatArray:
-    """Return the (4, 4) float64 transform of 16 row-major values; inverse: `matrix_to_proto`."""
-    return np.array(values[:], dtype=np.float64).reshape(4, 4)
-
-
-def matrix_to_proto(T: FloatArray) -> list[float]:
-    """Return a matrix's values, row by row."""
-    values: list[float] = np.asarray(T, dtype=np.float64).ravel().tolist()
-    return values

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,109 +26,12 @@ from oaisys_core.types import (
 )
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import MAX_FRAME_BYTES, AnyArray, ArrayAssembly
-from oaisys_grpc.contract.metadata import (
-    metadata_to_proto,
-    names,
-    pose_from_proto,
-    pose_to_proto,
-    vector_from_proto,
-    vector_to_proto,
-)
-from oaisys_grpc.contract.sample_messages import (
-    intrinsics_from_proto,
-    intrinsics_to_proto,
-    matrix_from_proto,
-    matrix_to_proto,
-)
+from oaisys_grpc.contract.conversion import Conversion, RecordConversion, each
+from oaisys_grpc.contract.metadata import POSE, VECTOR, metadata_to_proto, names
+from oaisys_grpc.contract.sample_messages import INTRINSICS, MATRIX
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 Extent = tuple[float, float, float, float]
-
-
-def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
-    """Return the message of a simulator's description; inverse: `info_from_proto`."""
-    message = pb.GetSimulatorInfoResponse(
-        backend=info.backend,
-        backend_version=info.backend_version,
-        seed=info.seed,
-        config_sha256=info.config_sha256,
-        quality=info.quality,
-        sensors=[_sensor_to_proto(sensor) for sensor in info.sensors],
-        semantic_labels=dict(info.semantic_labels),
-        batch_id=info.batch_id,
-        sample_id=info.sample_id,
-        worker_restarts=info.worker_restarts,
-        device=info.device,
-        lidars=[
-            pb.Lidar(
-                name=lidar.name,
-                t_base_lidar=matrix_to_proto(lidar.T_base_lidar),
-                period_s=lidar.period_s,
-                extra_fields=lidar.extra_fields,
-            )
-            for lidar in info.lidars
-        ],
-        imus=map(_imu_to_proto, info.imus),
-        group_counts=[
-            pb.GroupCount(name=count.name, asked=count.asked, placed=count.placed)
-            for count in info.group_counts
-        ],
-    )
-    if info.stage_extent_m is not None:
-        message.stage_extent.CopyFrom(extent_to_proto(info.stage_extent_m))
-    return message
-
-
-def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
-    """Return a simulator's description."""
-    known = message.HasField("stage_extent")
-    return SimulatorInfo(
-        backend=message.backend,
-        backend_version=message.backend_version,
-        seed=message.seed,
-        config_sha256=message.config_sha256,
-        quality=message.quality,
-        sensors=tuple(_sensor_from_proto(sensor) for sensor in message.sensors),
-        semantic_labels=dict(message.semantic_labels),
-        batch_id=message.batch_id,
-        sample_id=message.sample_id,
-        stage_extent_m=extent_from_proto(message.stage_extent) if known else None,
-        worker_restarts=message.worker_restarts,
-        device=message.device,
-        lidars=tuple(
-            LidarInfo(
-                lidar.name,
-                matrix_from_proto(lidar.t_base_lidar),
-                lidar.period_s,
-                tuple(lidar.extra_fields),
-            )
-            for lidar in message.lidars
-        ),
-        imus=tuple(map(_imu_from_proto, message.imus)),
-        group_counts=tuple(
-            GroupCount(count.name, count.asked, count.placed) for count in message.group_counts
-        ),
-    )
-
-
-def _imu_to_proto(imu: ImuInfo) -> pb.Imu:
-    return pb.Imu(
-        name=imu.name,
-        t_base_imu=matrix_to_proto(imu.T_base_imu),
-        rate_hz=imu.rate_hz,
-        angular_rate_sigma_rad_s=imu.angular_rate_sigma_rad_s,
-        specific_force_sigma_m_s2=imu.specific_force_sigma_m_s2,
-    )
-
-
-def _imu_from_proto(message: pb.Imu) -> ImuInfo:
-    return ImuInfo(
-        message.name,
-        matrix_from_proto(message.t_base_imu),
-        message.rate_hz,
-        message.angular_rate_sigma_rad_s,
-        message.specific_force_sigma_m_s2,
-    )
 
 
 def extent_to_proto(extent_m: Extent) -> pb.StageExtent:
@@ -141,24 +45,19 @@ def extent_from_proto(message: pb.StageExtent) -> Extent:
     return message.min_x_m, message.min_y_m, message.max_x_m, message.max_y_m
 
 
-def _sensor_to_proto(sensor: SensorInfo) -> pb.Sensor:
-    return pb.Sensor(
-        name=sensor.name,
-        intrinsics=intrinsics_to_proto(sensor.intrinsics),
-        t_base_camera=matrix_to_proto(sensor.T_base_camera),
-        modalities=sensor.modalities,
-        stereo_baseline_m=sensor.stereo_baseline_m,
-    )
-
-
-def _sensor_from_proto(message: pb.Sensor) -> SensorInfo:
-    return SensorInfo(
-        name=message.name,
-        intrinsics=intrinsics_from_proto(message.intrinsics),
-        T_base_camera=matrix_from_proto(message.t_base_camera),
-        modalities=tuple(message.modalities),
-        stereo_baseline_m=message.stereo_baseline_m,
-    )
+_INFO = RecordConversion(
+    SimulatorInfo,
+    pb.GetSimulatorInfoResponse,
+    renamed={"stage_extent_m": "stage_extent"},
+    stage_extent_m=Conversion(extent_to_proto, extent_from_proto),
+    sensors=each(
+        RecordConversion(SensorInfo, pb.Sensor, intrinsics=INTRINSICS, T_base_camera=MATRIX)
+    ),
+    lidars=each(RecordConversion(LidarInfo, pb.Lidar, T_base_lidar=MATRIX)),
+    imus=each(RecordConversion(ImuInfo, pb.Imu, T_base_imu=MATRIX)),
+    group_counts=each(RecordConversion(GroupCount, pb.GroupCount)),
+)
+info_to_proto, info_from_proto = _INFO.to_proto, _INFO.from_proto
 
 
 def mesh_to_message(
@@ -258,89 +157,35 @@ def _assembled(
     return header, {name: assembly.array() for name, assembly in begun.items()}
 
 
-def heights_to_proto(heights: HeightQuery) -> pb.QueryHeightResponse:
-    """Return the message of an answer about heights; inverse: `heights_from_proto`."""
-    return pb.QueryHeightResponse(
-        ground_height_m=heights.ground_height_m,
-        surface_height_m=heights.surface_height_m,
-        clearance_m=heights.clearance_m,
-    )
+_NUMBERS = Conversion(np.ndarray.tolist, partial(np.array, dtype=np.float64))
+_HEIGHTS = RecordConversion(
+    HeightQuery,
+    pb.QueryHeightResponse,
+    ground_height_m=_NUMBERS,
+    surface_height_m=_NUMBERS,
+    clearance_m=_NUMBERS,
+)
+heights_to_proto, heights_from_proto = _HEIGHTS.to_proto, _HEIGHTS.from_proto
 
-
-def heights_from_proto(message: pb.QueryHeightResponse) -> HeightQuery:
-    """Return an answer about heights."""
-    return HeightQuery(
-        ground_height_m=np.array(message.ground_height_m, dtype=np.float64),
-        surface_height_m=np.array(message.surface_height_m, dtype=np.float64),
-        clearance_m=np.array(message.clearance_m, dtype=np.float64),
-    )
+_QUERY = RecordConversion(
+    ObjectQuery,
+    pb.ListObjectsRequest,
+    kinds=Conversion(tuple, partial(names, field="kinds")),
+    groups=Conversion(tuple, partial(names, field="groups")),
+    names=Conversion(tuple, partial(names, field="names")),
+    low_m=VECTOR,
+    high_m=VECTOR,
+    limit=Conversion(int, lambda limit: limit or ObjectQuery.limit),
+)
+query_from_proto = _QUERY.from_proto
 
 
 def query_to_proto(query: ObjectQuery, metadata: ModuleMetadata | None) -> pb.ListObjectsRequest:
     """Return the request for objects; inverse, but for the metadata: `query_from_proto`."""
-    message = pb.ListObjectsRequest(
-        kinds=query.kinds,
-        groups=query.groups,
-        names=query.names,
-        instance_ids=query.instance_ids,
-        after_instance_id=query.after_instance_id,
-        limit=query.limit,
-    )
-    if query.low_m is not None:
-        message.low_m.CopyFrom(vector_to_proto(query.low_m))
-    if query.high_m is not None:
-        message.high_m.CopyFrom(vector_to_proto(query.high_m))
-    if metadata is not None:
-        message.metadata.CopyFrom(metadata_to_proto(metadata))
-    return message
+    sent = None if metadata is None else metadata_to_proto(metadata)
+    return _QUERY.to_proto(query, metadata=sent)
 
 
-def query_from_proto(message: pb.ListObjectsRequest) -> ObjectQuery:
-    """Return which objects are asked for."""
-    return ObjectQuery(
-        kinds=names(message.kinds, "kinds"),
-        groups=names(message.groups, "groups"),
-        names=names(message.names, "names"),
-        instance_ids=tuple(message.instance_ids),
-        low_m=vector_from_proto(message.low_m) if message.HasField("low_m") else None,
-        high_m=vector_from_proto(message.high_m) if message.HasField("high_m") else None,
-        after_instance_id=message.after_instance_id,
-        limit=message.limit or ObjectQuery.limit,
-    )
-
-
-def page_to_proto(page: ObjectPage) -> pb.ListObjectsResponse:
-    """Return the message of a page of objects; inverse: `page_from_proto`."""
-    return pb.ListObjectsResponse(
-        objects=map(_object_to_proto, page.objects),
-        total=page.total,
-        next_after_instance_id=page.next_after_instance_id,
-    )
-
-
-def page_from_proto(message: pb.ListObjectsResponse) -> ObjectPage:
-    """Return a page of objects."""
-    objects = tuple(map(_object_from_proto, message.objects))
-    return ObjectPage(objects, message.total, message.next_after_instance_id)
-
-
-_PLAIN = ("instance_id", "name", "kind", "group", "label", "semantic_id", "scale")
-"""Attributes of an object that its message holds as they are."""
-
-
-def _object_to_proto(thing: SceneObject) -> pb.SceneObject:
-    return pb.SceneObject(
-        **{name: getattr(thing, name) for name in _PLAIN},
-        pose=pose_to_proto(thing.pose),
-        low_m=vector_to_proto(thing.low_m),
-        high_m=vector_to_proto(thing.high_m),
-    )
-
-
-def _object_from_proto(message: pb.SceneObject) -> SceneObject:
-    return SceneObject(
-        **{name: getattr(message, name) for name in _PLAIN},
-        pose=pose_from_proto(message.pose),
-        low_m=vector_from_proto(message.low_m),
-        high_m=vector_from_proto(message.high_m),
-    )
+_OBJECT = RecordConversion(SceneObject, pb.SceneObject, pose=POSE, low_m=VECTOR, high_m=VECTOR)
+_PAGE = RecordConversion(ObjectPage, pb.ListObjectsResponse, objects=each(_OBJECT))
+page_to_proto, page_from_proto = _PAGE.to_proto, _PAGE.from_proto
