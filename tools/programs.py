@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from oaisys_core.python_programs import python_environment
+from oaisys_core.system.python_programs import python_environment
 
 ROOT = Path(__file__).parents[1]
 """The checkout that these tools are part of."""

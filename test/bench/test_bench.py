@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from repository import REPOSITORY
 
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from tools.bench.child import JobError, run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
 from tools.bench.plots import plot_growth, plot_quality

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from tools.programs import ROOT, tool_environment
 
 SAMPLES = 2

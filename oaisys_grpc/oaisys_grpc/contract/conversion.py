@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from google.protobuf.message import Message
 
@@ -72,12 +72,13 @@ class RecordConversion(Generic[RecordT, MessageT]):
         self._record, self._message = record, message
         self._fields: list[tuple[str, str, TwoWay, bool]] = []
         described = message.DESCRIPTOR.fields_by_name
-        for name in [each.name for each in fields(record) if each.name != without]:  # type: ignore[arg-type]
+        for name in (field.name for field in fields(record)):  # type: ignore[arg-type]
+            if name == without:
+                continue
             key = (renamed or {}).get(name, name.lower())
             conversion = given.pop(name, None) or _usual(described[key])
-            self._fields.append(
-                (name, key, conversion, described[key].containing_oneof is not None)
-            )
+            is_optional = described[key].containing_oneof is not None
+            self._fields.append((name, key, conversion, is_optional))
         if given:
             raise KeyError(f"{record.__name__} has no field {', '.join(given)}")
 

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.python_programs import python_command
+from oaisys_core.system.python_programs import python_command
 from oaisys_mapping.odometry.programs import run_program
 from tools.programs import PATH_VARIABLE, tool_environment
 
