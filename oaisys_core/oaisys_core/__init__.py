@@ -6,7 +6,7 @@ from pathlib import Path
 if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:  # as in `python -m oaisys_core`
     del sys.path[0]  # the current folder, whose files nothing may import
 
-from oaisys_core.system.native_libraries import guard_open3d
+from oaisys_core.private.open3d_import import guard_open3d
 
 guard_open3d()
 

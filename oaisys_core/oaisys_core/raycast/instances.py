@@ -1,6 +1,6 @@
 """Ray casting at instances of meshes, without a copy of the mesh for each of them.
 
-The hits are found by `raycast.embree`, or by `raycast.instance_boxes` without Blender's Embree.
+The hits are found by `embree_instances`, or by `instance_boxes` without Blender's Embree.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from oaisys_core.raycast.embree import EmbreeInstanceTarget, blenders_embree
+from oaisys_core.private.embree import blenders_embree
+from oaisys_core.raycast.embree_instances import EmbreeInstanceTarget
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
 from oaisys_core.raycast.triangles import RayTarget, TriangleTarget

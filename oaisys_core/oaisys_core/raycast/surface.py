@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.raycast.embree import blenders_embree
+from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.far_ground import FarGroundTarget
 from oaisys_core.raycast.placement_targets import PlacementTargets
 from oaisys_core.raycast.prototype_meshes import merged_instances

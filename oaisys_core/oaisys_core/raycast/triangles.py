@@ -3,7 +3,7 @@
 Embree (Open3D's, unless another one is given) finds the triangle in float32. The distance to the
 triangle's plane is then computed in float64, so that it is accurate at any range.
 
-Open3D is imported on first use; see `oaisys_core.system.native_libraries` for ``bpy`` in the same
+Open3D is imported on first use; see `oaisys_core.private.open3d_import` for ``bpy`` in the same
 process.
 """
 

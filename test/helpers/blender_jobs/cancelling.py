@@ -6,9 +6,9 @@ from ctypes import addressof, c_void_p, create_string_buffer, sizeof
 from threading import Event, Thread
 
 # Comes before anything that loads Open3D.
-import bpy  # noqa: F401
+import bpy
 
-from oaisys_core.render.blender import cycles_session
+from oaisys_core.private import cycles_session
 
 
 def calls_to_end(lost: int, patience_s: float) -> list[int | None] | None:
@@ -26,8 +26,9 @@ def calls_to_end(lost: int, patience_s: float) -> list[int | None] | None:
             has_ended.set()
         has_ended.wait()
 
-    setattr(cycles_session, "_cancel_function", lambda: cancel)  # noqa: B010
-    call = Thread(target=cycles_session.end_sampling, args=(addressof(session),), daemon=True)
+    setattr(cycles_session, "_cancel_function", lambda _: cancel)  # noqa: B010
+    arguments = addressof(session), bpy.app.version
+    call = Thread(target=cycles_session.end_sampling, args=arguments, daemon=True)
     call.start()
     call.join(patience_s)
     return None if call.is_alive() else told

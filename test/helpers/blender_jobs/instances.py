@@ -12,7 +12,8 @@ import bpy  # noqa: F401
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.embree import EmbreeInstanceTarget, blenders_embree
+from oaisys_core.private.embree import blenders_embree
+from oaisys_core.raycast.embree_instances import EmbreeInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
 from oaisys_core.raycast.triangles import RayTarget, TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-import _cycles
 import bpy
 
 from oaisys_core.sensing.render_settings import Device
@@ -51,15 +50,22 @@ def _available(wanted: Device) -> Device:
 
 def _gpus(kind: Device) -> list[str]:
     """Return the names of the GPUs of a kind."""
-    devices = _cycles.available_devices(kind.upper())
-    return [name for name, of_kind, *_ in devices if of_kind == kind.upper()]
+    return [device.name for device in _devices(kind) if device.type == kind.upper()]
+
+
+def _devices(kind: Device) -> list[Any]:
+    """Return the devices that Blender's preferences offer with a kind; CPUs are among them."""
+    return list(_preferences().get_devices_for_type(kind.upper()))
+
+
+def _preferences() -> Any:
+    return bpy.context.preferences.addons["cycles"].preferences
 
 
 def _choose_gpus(kind: Device) -> None:
     """Use all GPUs of a kind and no CPU, which casts the rays of depth and labels meanwhile."""
-    preferences: Any = bpy.context.preferences.addons["cycles"].preferences
-    preferences.compute_device_type = kind.upper()
-    for device in preferences.get_devices_for_type(kind.upper()):
+    _preferences().compute_device_type = kind.upper()
+    for device in _devices(kind):
         device.use = device.type == kind.upper()
 
 

@@ -6,9 +6,7 @@ multiplied by the albedo of `GroundAlbedo`, which has no noise. Where samples ar
 through by chance, as by water, so are the surfaces whose albedo and normals they have seen: there,
 these are denoised first.
 
-Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
-but counts its time as part of the last sample, which time budgets could not use, and can only
-denoise radiance.
+Where the library that denoises cannot be called, Cycles denoises radiance itself.
 
 The pixel filter of denoised images has two steps. Cycles filters by the position of samples in a
 pixel and puts the first one at the centre, so that each sample serves one pixel only. Filters that
@@ -18,71 +16,27 @@ Rendering, 3rd edition, 7.8): Cycles samples with a narrow filter, and the rest 
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Iterable, Mapping
-from ctypes import (
-    CDLL,
-    CFUNCTYPE,
-    POINTER,
-    byref,
-    c_bool,
-    c_char_p,
-    c_double,
-    c_int,
-    c_size_t,
-    c_void_p,
-)
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
+from oaisys_core.private.open_image_denoise import (
+    QUALITY_BALANCED,
+    QUALITY_FAST,
+    OpenImageDenoise,
+    blenders_open_image_denoise,
+)
 from oaisys_core.render.blender.compat import GLOSSY_COLOR, MATERIAL_INDEX
 from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.system.interruption import stop_if_unwanted, wanted_check
 
 Image = NDArray[np.float32]
-
-LIBRARY = "libOpenImageDenoise.so.2"
-"""Blender has loaded it already, so the dynamic linker finds it without a path."""
-
-CPU_DEVICE, FLOAT3 = 1, 3
-QUALITY_FAST, QUALITY_BALANCED = 4, 5
-"""Values of ``OIDNDeviceType``, ``OIDNFormat`` and ``OIDNQuality``."""
-
-OUTPUT = b"output"
-"""Name of a filter's result."""
-
-MAX_KEPT_PIXELS = 1920 * 1080
-"""Filters of larger images are not kept for the next one, because of their memory."""
-
-_ProgressMonitor = CFUNCTYPE(c_bool, c_void_p, c_double)
-"""Type of ``OIDNProgressMonitorFunction``: returns whether to go on."""
-
-_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
-    "oidnNewDevice": (c_void_p, [c_int]),
-    "oidnSetDeviceBool": (None, [c_void_p, c_char_p, c_bool]),
-    "oidnCommitDevice": (None, [c_void_p]),
-    "oidnGetDeviceError": (c_int, [c_void_p, POINTER(c_char_p)]),
-    "oidnNewFilter": (c_void_p, [c_void_p, c_char_p]),
-    "oidnSetSharedFilterImage": (
-        None,
-        [c_void_p, c_char_p, c_void_p, c_int, *[c_size_t] * 5],
-    ),
-    "oidnSetFilterBool": (None, [c_void_p, c_char_p, c_bool]),
-    "oidnSetFilterInt": (None, [c_void_p, c_char_p, c_int]),
-    "oidnSetFilterProgressMonitorFunction": (None, [c_void_p, _ProgressMonitor, c_void_p]),
-    "oidnCommitFilter": (None, [c_void_p]),
-    "oidnExecuteFilter": (None, [c_void_p]),
-    "oidnReleaseFilter": (None, [c_void_p]),
-}
 
 CYCLES_WIDTH_PX = 1.5
 """Blender's default filter width, for images that are not denoised; the Blackman-Harris window is
@@ -267,20 +221,10 @@ def _sum_of_channels(image: Image) -> Image:
 
 
 class Denoiser:
-    """Denoises images on the CPU."""
+    """Denoises images on the CPU, by Open Image Denoise."""
 
-    def __init__(self, library: CDLL) -> None:
+    def __init__(self, library: OpenImageDenoise) -> None:
         self._library = library
-        for name, (result, arguments) in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
-        self._device = library.oidnNewDevice(CPU_DEVICE)
-        # Else it would bind this process's threads to cores, including those of Cycles.
-        library.oidnSetDeviceBool(self._device, b"setAffinity", False)
-        library.oidnCommitDevice(self._device)
-        self._check()
-        self._size = (0, 0)
-        self._filters: dict[tuple[Any, ...], _Filter] = {}
 
     def denoise(self, light: Image, normal: Image, denoising: DenoisingQuality) -> Image:
         """Return (H, W, 3) denoised light.
@@ -304,92 +248,22 @@ class Denoiser:
         images = {b"color": light, b"albedo": np.ones_like(light), b"normal": normal}
         quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
         # Without cleanAux, it would blur edges and relief as if the normals were noisy.
-        return self._filtered(images, quality, hdr=True, cleanAux=True)
+        return self._library.filtered(images, quality, hdr=True, cleanAux=True)
 
     def denoise_albedo(self, albedo: Image) -> Image:
         """Return (H, W, 3) denoised albedo; for errors see `denoise`."""
-        return self._filtered({b"albedo": albedo}, QUALITY_BALANCED)
+        return self._library.filtered({b"albedo": albedo}, QUALITY_BALANCED)
 
     def denoise_normal(self, normal: Image) -> Image:
         """Return (H, W, 3) denoised normals; for errors see `denoise`."""
-        return self._filtered({b"normal": normal}, QUALITY_FAST)
-
-    def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
-        height, width, _ = next(iter(images.values())).shape
-        size = height, width
-        if size != self._size:
-            self._filters, self._size = {}, size
-        wanted = (tuple(images), quality, *flags.items())
-        made = self._filters.get(wanted)
-        if made is None:
-            made = _Filter(self._library, self._device, (*images, OUTPUT), size, quality, flags)
-            self._check()
-            if height * width <= MAX_KEPT_PIXELS:
-                self._filters[wanted] = made
-        result = made.run(images)
-        self._check()
-        return result
-
-    def _check(self) -> None:
-        message = c_char_p()
-        has_failed = self._library.oidnGetDeviceError(self._device, byref(message))
-        stop_if_unwanted()  # The library reports that as a failure, too.
-        if has_failed:
-            text = (message.value or b"no reason given").decode(errors="replace")
-            raise RenderError(f"Open Image Denoise failed: {text}")
-
-
-class _Filter:
-    """One of the library's filters with its image buffers.
-
-    Its working memory is kept between images, because the system would clear it anew for each.
-    """
-
-    def __init__(
-        self,
-        library: CDLL,
-        device: Any,
-        names: Iterable[bytes],
-        size: tuple[int, int],
-        quality: int,
-        flags: Mapping[str, bool],
-    ) -> None:
-        """Set up a filter of (H, W) images; the last name is its result."""
-        self._library = library
-        self._handle = handle = library.oidnNewFilter(device, b"RT")
-        weakref.finalize(self, library.oidnReleaseFilter, handle).atexit = False
-        height, width = size
-        self._images = {name: np.empty((height, width, 3), np.float32) for name in names}
-        for name, image in self._images.items():
-            library.oidnSetSharedFilterImage(
-                handle, name, image.ctypes.data, FLOAT3, width, height, 0, 0, 0
-            )
-        for flag, value in flags.items():
-            library.oidnSetFilterBool(handle, flag.encode(), value)
-        library.oidnSetFilterInt(handle, b"quality", quality)
-        library.oidnCommitFilter(handle)
-
-    def run(self, images: Mapping[bytes, Image]) -> Image:
-        """Return the (H, W, 3) result of images with at least three channels.
-
-        It is incomplete where it is no longer wanted.
-        """
-        for name, image in images.items():
-            self._images[name][...] = image[..., :3]
-        is_wanted = wanted_check()
-        monitor = _ProgressMonitor(lambda _pointer, _share: is_wanted())
-        self._library.oidnSetFilterProgressMonitorFunction(self._handle, monitor, None)
-        self._library.oidnExecuteFilter(self._handle)
-        return self._images[OUTPUT].copy()
+        return self._library.filtered({b"normal": normal}, QUALITY_FAST)
 
 
 @cache
 def blenders_denoiser() -> Denoiser | None:
-    """Return the denoiser that Blender has loaded; None if it is another version."""
-    try:
-        return Denoiser(CDLL(LIBRARY))
-    except OSError:
-        return None
+    """Return the denoiser that Blender has loaded; None if it cannot be used: Cycles denoises."""
+    library = blenders_open_image_denoise()
+    return None if library is None else Denoiser(library)
 
 
 def filter_denoised(

@@ -20,7 +20,7 @@ from oaisys_core.errors import RenderError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.render.blender.camera import place, set_intrinsics, set_lens
 from oaisys_core.render.blender.compat import node_tree_of
-from oaisys_core.render.blender.cycles import render_scene
+from oaisys_core.render.blender.cycles_render import render_scene
 from oaisys_core.render.blender.materials.land import land_place, land_share
 from oaisys_core.render.blender.materials.nodes import NodeTree
 from oaisys_core.render.blender.objects.instances import ID, ids_from_floats

@@ -1,12 +1,15 @@
-"""Notes what Cycles logs as an error while it renders.
+"""What Cycles logs as an error while it renders.
 
 Cycles goes on after some errors, for instance with a shader that does not fit its stack, which is
-black then, and Blender reports nothing of them to Python. Blender 5 logs them through a function
-whose address the library's table of symbols gives; Blender 4.5 prints them to the C library's
-standard error. Both are replaced for the time of a render by functions that pass everything on at
-once, before they note it, so that the log of a process that crashes is complete.
+black then, and Blender reports nothing of them to Python. Both ways of logging are replaced for the
+time of a render by functions that pass everything on at once, before they note it, so that the log
+of a process that crashes is complete.
 
-Where neither is known, nothing is noted: `albedo_check` still finds ground that is black.
+Private part: ``ccl::LOG_FUNCTION``, through which Cycles of Blender 5 logs, by its symbol; and the
+    lines that Cycles of Blender 4.5 prints to ``stderr`` of the C library, which is replaced.
+Tried with: bpy 4.5.15 and 5.2.3, glibc 2.36.
+Public way without it: `oaisys_core.render.blender.ground_check` finds ground that is black.
+Lost without it: objects whose material is black, because it does not fit, are delivered.
 """
 
 from __future__ import annotations
@@ -20,16 +23,23 @@ from ctypes import CFUNCTYPE, c_char_p, c_int, c_size_t, c_ssize_t, c_void_p
 from functools import cache
 from typing import Any, Protocol
 
-from oaisys_core.render.blender.cycles_session import loaded_library, symbol_value
+from oaisys_core.private.blender_symbols import symbol_address
+from oaisys_core.system.fallbacks import report_fallback
 
 LOG_SYMBOL = b"_ZN3cclL12LOG_FUNCTIONE"
 """``ccl::LOG_FUNCTION``: which function Cycles of Blender 5 logs with."""
+
+FIRST_WITH_FUNCTION = 5
+"""Blender's first major version that logs with that function."""
 
 MILDEST_ERROR = 3
 """``ccl::LOG_LEVEL_DERROR``; fatal errors have a lower level, warnings have higher ones."""
 
 PRINTED_ERROR = re.compile(rb"^(?:Cycles: |[EF]\d{4} [\d:.]+ +\d+ [^ ]+:\d+\] )(.+)", re.MULTILINE)
 """Error as Cycles of Blender 4.5 prints it: by itself, or by glog (whose warnings begin with W)."""
+
+ERROR_STREAM = "stderr"
+"""The C library's name of the stream to which Cycles of Blender 4.5 prints."""
 
 STANDARD_ERROR = 2
 UNBUFFERED = 2
@@ -63,9 +73,13 @@ class _Channel(Protocol):
 
 
 @contextmanager
-def noted_errors() -> Iterator[list[str]]:
-    """Yield a list to which the errors are added that Cycles logs during the block."""
-    channel = _channel()
+def noted_errors(version: tuple[int, ...]) -> Iterator[list[str]]:
+    """Yield a list to which the errors are added that Cycles logs during the block.
+
+    Args:
+        version: ``bpy.app.version``.
+    """
+    channel = _channel(version[0])
     if channel is None:
         yield []
         return
@@ -78,16 +92,20 @@ def noted_errors() -> Iterator[list[str]]:
 
 
 @cache
-def _channel() -> _Channel | None:
-    """Return where this Blender's Cycles writes its errors; None where that is not known."""
-    library = loaded_library()
-    value = None if library is None else symbol_value(library[1], LOG_SYMBOL)
-    if library is not None and value is not None:
-        return _LogFunction(c_void_p.from_address(library[0] + value))
+def _channel(major: int) -> _Channel | None:
+    """Return where Cycles of this Blender writes its errors; None where that is not known."""
     try:
-        return _ErrorStream(ctypes.CDLL(None))
-    except (AttributeError, ValueError, OSError):  # another C library
-        return None
+        if major < FIRST_WITH_FUNCTION:
+            return _ErrorStream(ctypes.CDLL(None))
+        address = symbol_address(LOG_SYMBOL)
+        if address is not None:
+            return _LogFunction(c_void_p.from_address(address))
+        reason: object = f"Blender {major} has no symbol {LOG_SYMBOL.decode()}"
+    except (AttributeError, ValueError, OSError) as error:  # another C library
+        reason = error
+    instead = "of shaders that fail, only those of the ground are noticed, because it is black"
+    report_fallback("Cycles' log", reason, instead)
+    return None
 
 
 class _LogFunction:
@@ -110,7 +128,7 @@ class _LogFunction:
 
 
 class _ErrorStream:
-    """The stream ``stderr`` of the C library, to which Cycles of Blender 4.5 prints."""
+    """The stream of the C library to which Cycles of Blender 4.5 prints."""
 
     def __init__(self, library: Any) -> None:
         """Make the stream that is used instead, without a buffer.
@@ -119,7 +137,7 @@ class _ErrorStream:
             AttributeError, ValueError: The C library has no such streams.
             OSError: It could not make one.
         """
-        self.slot = c_void_p.in_dll(library, "stderr")
+        self.slot = c_void_p.in_dll(library, ERROR_STREAM)
         self.errors: list[str] = []
         self._write = _Write(self._written)
         library.fopencookie.restype = c_void_p

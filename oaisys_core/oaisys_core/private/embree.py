@@ -1,10 +1,16 @@
-"""Ray casting with instances, by the Embree library that comes with Blender.
+"""The C interface of the Embree library that comes with Blender: rays at meshes and instances.
 
-Open3D and embreex wrap Embree too, but neither of them exposes its instances.
+Private part: ``libembree4.so.4`` as Blender has loaded it, called by ctypes. Open3D and embreex
+    wrap Embree, too, but neither of them exposes its instances.
+Tried with: Embree 4.4.0 of bpy 4.5.15, Embree 4.4.1 of bpy 5.2.3.
+Public way without it: Open3D's rays at single meshes, for instances at copies of them or by their
+    boxes (`oaisys_core.raycast.instance_boxes`). The images are the same.
+Lost without it: time; rays at 100,000 rocks take ten times as long, and their structure 2.7 s.
 """
 
 from __future__ import annotations
 
+import sys
 import weakref
 from collections import deque
 from collections.abc import Sequence
@@ -18,9 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
-from oaisys_core.raycast.instances import InstanceTarget, keep_nearest, matvec
-from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.triangles import refined
+from oaisys_core.system.fallbacks import report_fallback
 from oaisys_core.types import FloatArray
 
 LIBRARY = "libembree4.so.4"
@@ -93,7 +97,7 @@ class Embree:
             raise RenderError(
                 f"Embree: received version {version}, expected {MIN_VERSION} or later"
             )
-        self._of_meshes: WeakKeyDictionary[PrototypeMesh, EmbreeScene] = WeakKeyDictionary()
+        self._kept: WeakKeyDictionary[Any, EmbreeScene] = WeakKeyDictionary()
 
     def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> EmbreeScene:
         """Return a scene of (V, 3) vertices and (T, 3) triangles."""
@@ -106,8 +110,17 @@ class Embree:
         self._share(geometry, INDEX, UINT3, indices, len(indices))
         return self._scene([geometry], [corners, indices])
 
+    def kept_mesh(
+        self, owner: object, vertices_m: FloatArray, triangles: NDArray[np.int32]
+    ) -> EmbreeScene:
+        """Return `mesh` of the same arrays, made once and kept as long as ``owner``."""
+        scene = self._kept.get(owner)
+        if scene is None:
+            scene = self._kept[owner] = self.mesh(vertices_m, triangles)
+        return scene
+
     def instances(
-        self, meshes: Sequence[PrototypeMesh], poses: Sequence[NDArray[np.float64]]
+        self, meshes: Sequence[EmbreeScene], poses: Sequence[NDArray[np.float64]]
     ) -> EmbreeScene:
         """Return a scene with one instance of each mesh at each of its (N, 4, 4) poses."""
         geometries: list[Any] = []
@@ -115,20 +128,11 @@ class Embree:
         for mesh, T in zip(meshes, poses, strict=True):
             columns = np.ascontiguousarray(T[:, :3].transpose(0, 2, 1), np.float32)
             geometry = self._geometry(INSTANCE_ARRAY)
-            scene = self._scene_of(mesh)
-            self.library.rtcSetGeometryInstancedScene(geometry, scene.handle)
+            self.library.rtcSetGeometryInstancedScene(geometry, mesh.handle)
             self._share(geometry, TRANSFORM, FLOAT3X4_COLUMN_MAJOR, columns, len(columns))
             geometries.append(geometry)
-            kept += [scene, columns]
+            kept += [mesh, columns]
         return self._scene(geometries, kept)
-
-    def _scene_of(self, mesh: PrototypeMesh) -> EmbreeScene:
-        """Return the scene of a prototype's mesh, which is kept as long as the mesh."""
-        scene = self._of_meshes.get(mesh)
-        if scene is None:
-            scene = self.mesh(mesh.vertices_m, mesh.prototype.triangles)
-            self._of_meshes[mesh] = scene
-        return scene
 
     def _geometry(self, kind: int) -> Any:
         return self.library.rtcNewGeometry(self._device, kind)
@@ -221,60 +225,15 @@ class EmbreeScene:
         deque(calls, maxlen=0)
 
 
-class EmbreeInstanceTarget(InstanceTarget):
-    """Instances by Embree, which finds triangles in float32; distances are refined in float64."""
-
-    def __init__(self, placed: Sequence[PlacedPrototype], embree: Embree) -> None:
-        """Concatenate at least one placement; each has at least one triangle."""
-        super().__init__(placed)
-        self._origin_m = (self.low_m.min(axis=0) + self.high_m.max(axis=0)) / 2
-        ends = np.cumsum(np.bincount(self.groups, minlength=len(self.meshes)))
-        self._first_instance = np.concatenate(([0], ends))
-        T_local_object = self.T_map_object.copy()
-        T_local_object[:, :3, 3] -= self._origin_m
-        self._scene = embree.instances(self.meshes, np.split(T_local_object, ends[:-1]))
-        meshes = list(dict.fromkeys(self.meshes))
-        starts = np.cumsum([0, *(mesh.triangle_count for mesh in meshes)])
-        self._first_plane = starts[[meshes.index(mesh) for mesh in self.meshes]]
-        self._corners = np.concatenate([mesh.planes[0] for mesh in meshes])
-        self._normals = np.concatenate([mesh.planes[1] for mesh in meshes])
-        for mesh, first, end in zip(meshes, starts[:-1], starts[1:], strict=True):
-            # Views, so that planes are held once.
-            mesh.planes = self._corners[first:end], self._normals[first:end]
-
-    def find(
-        self,
-        origins_m: FloatArray,
-        directions: FloatArray,
-        best: FloatArray,
-        found: NDArray[np.int64],
-    ) -> None:
-        """See `InstanceTarget.find`."""
-        # Rounded up, so that a hit exactly at its limit is found.
-        limits = np.nextafter(best.astype(np.float32), np.float32(np.inf))
-        coarse, ids = self._scene.nearest(origins_m - self._origin_m, directions, limits)
-        rays = np.flatnonzero(ids[0] != INVALID_ID)
-        groups, numbers, triangles = ids[:, rays].astype(np.int64)
-        instances = self._first_instance[groups] + numbers
-        planes = self._first_plane[groups] + triangles
-        T = self.T_object_map[instances]
-        origins = np.broadcast_to(origins_m, directions.shape)[rays]
-        distances = refined(
-            coarse[rays].astype(np.float64),
-            self._corners[planes],
-            self._normals[planes],
-            matvec(T[:, :3, :3], origins) + T[:, :3, 3],
-            matvec(T[:, :3, :3], directions[rays]),
-        )
-        keep_nearest(best, found, rays, distances, self.first[instances] + triangles)
-
-
 @cache
 def blenders_embree() -> Embree | None:
     """Return Embree as Blender has loaded it; None without Blender, or with another version."""
     try:
         return Embree(CDLL(LIBRARY))
-    except (OSError, AttributeError, RenderError):
+    except (OSError, AttributeError, RenderError) as error:
+        if "bpy" in sys.modules:
+            instead = "Open3D casts all rays, which takes longer where there are many objects"
+            report_fallback("Blender's Embree", error, instead)
         return None
 
 

@@ -11,7 +11,7 @@ import pytest
 from blender_process import require_blender
 from repository import HELPERS, TESTS
 
-from oaisys_core.system.native_libraries import LIBRARY, Open3DGuard, guard_open3d
+from oaisys_core.private.open3d_import import LIBRARY, Open3DGuard, guard_open3d
 
 OURS = "import oaisys_core"
 OPEN3D = "import open3d; open3d.t.geometry.RaycastingScene()"
@@ -64,7 +64,7 @@ class Hidden:
         if name == "bpy":
             raise ModuleNotFoundError("No module named 'bpy'", name="bpy")
 sys.meta_path.insert(0, Hidden())
-import importlib.util, oaisys_core.system.native_libraries as n
+import importlib.util, oaisys_core.private.open3d_import as n
 n.find_spec = lambda name: None
 """
     ended = ran(hidden, OPEN3D)
@@ -83,6 +83,14 @@ assert not hasattr(sys.modules["open3d.visualization.draw_plotly"], "nowhere")
 """
     ended = ran(OURS, draws)
     assert ended.returncode == 0, ended.stderr
+
+
+def test_an_open3d_without_that_module_is_imported_all_the_same() -> None:
+    gone = "import oaisys_core.private.open3d_import as n; n.PLOTS = 'open3d.visualization.gone'"
+    drawn = "import sys; assert 'open3d.visualization.draw_plotly' in sys.modules"
+    ended = ran(gone, OPEN3D, OPEN3D, drawn)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stderr.count("Open3D's module that imports Dash cannot be used") == 1
 
 
 def test_there_is_one_guard() -> None:
