@@ -31,6 +31,7 @@ PLAIN_CORE = {
     "oaisys_core.cli.signals",
     "oaisys_core.private_files",
     "oaisys_core.python_programs",
+    "oaisys_core.standard_streams",
     # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.
     "oaisys_core.sensing.faults",
     # Plain data: what `oaisys drive` gives to bags and reports.

@@ -36,7 +36,6 @@ from oaisys_core.output.record_types import (
     Seed,
     Sha256,
     SplitName,
-    Text,
     checked_as,
 )
 from oaisys_core.types import POINTS, FloatArray, LidarScan, SampleOutline
@@ -82,7 +81,7 @@ class ScanRecord:
     sensor: Name
     split: SplitName
     world_seed: Seed
-    config_sha256: Text
+    config_sha256: Label
     T_map_lidar: Matrix
     stamp_s: Seconds
     points: PointsRecord
