@@ -52,7 +52,7 @@ class ImageRecord(FileRecord):
     """
 
     pixels_sha256: Sha256
-    dtype: Text
+    dtype: Annotated[Label, Field(max_length=32)]
     shape: Shape
 
 
@@ -92,7 +92,7 @@ class FrameRecord(SensorRecord):
     sensor: Name
     split: SplitName
     world_seed: Seed
-    config_sha256: Text
+    config_sha256: Label
     metadata: Mapping[str, Any]
     T_map_camera: Matrix
     intrinsics: CameraFields
@@ -204,12 +204,12 @@ class DatasetInfo(Record):
     """
 
     config: Annotated[Mapping[str, Any], fields_of(_ConfigFields)]
-    config_sha256: Text
+    config_sha256: Label
     seed: Seed
     worlds: Count
     views: Count
     splits: Annotated[Mapping[SplitName, Share], Field(min_length=1)]
-    software: Mapping[Text, Text] = field(default_factory=dict)
+    software: Mapping[Label, Label] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     version: Number = FORMAT_VERSION
 

@@ -26,7 +26,6 @@ from oaisys_core.output.record_types import (
     Seconds,
     Seed,
     SplitName,
-    Text,
 )
 from oaisys_core.types import POINTS, LidarScan
 from oaisys_dataset.records import FileRecord, SensorRecord
@@ -68,7 +67,7 @@ class ScanRecord(SensorRecord):
     sensor: Name
     split: SplitName
     world_seed: Seed
-    config_sha256: Text
+    config_sha256: Label
     T_map_lidar: Matrix
     stamp_s: Seconds
     points: PointsRecord

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -17,8 +18,10 @@ def whole_file(path: Path) -> Iterator[Path]:
     killed may leave it behind, under its own name, which ends in ``.part``.
 
     Raises:
-        OSError: It cannot be made or renamed.
+        OSError: It cannot be made or renamed, or ``path`` is a device or a pipe, such as /dev/null.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "it exists, and is no regular file", str(path))
     partial = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
     os.close(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666))
     try:

@@ -54,10 +54,11 @@ def bag_info(
     bag: Annotated[Path, typer.Argument(help="A bag's folder or its .mcap file.")],
 ) -> None:
     """List a bag's topics, types and message counts."""
+    from oaisys_core.system.standard_streams import printable
     from oaisys_ros_bridge.bags.info import summary_of
 
     for line in summary_of(bag):
-        typer.echo(line)
+        typer.echo(printable(line))
 
 
 @bag_app.command("recover")

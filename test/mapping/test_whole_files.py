@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -61,3 +62,12 @@ def test_what_fails_leaves_the_file_that_was_there(tmp_path: Path) -> None:
         write_half(path)
     assert len(read_ply(path).triangles) == 1
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_no_mesh_replaces_a_device_or_a_pipe(tmp_path: Path) -> None:
+    pipe = tmp_path / "mesh.ply"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="no regular file"):
+        write_ply(pipe, small_mesh())
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]

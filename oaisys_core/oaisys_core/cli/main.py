@@ -12,6 +12,7 @@ import logging
 import re
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points, version
 from typing import Annotated, Any, NoReturn
@@ -22,6 +23,7 @@ from typer.core import TyperGroup
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.system.shortages import shortage
 from oaisys_core.system.signals import end_at_signal, interrupt_at_signals, work_in_child
+from oaisys_core.system.standard_streams import printable
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None
@@ -172,12 +174,24 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
     except (MemoryError, OSError, RuntimeError, ImportError) as error:
-        if (told := shortage(error)) is None:
+        if (told := _failure(error)) is None:
             raise
         sys.exit(_report(told, EXIT_FAILED))
 
 
+def _failure(error: Exception) -> OaisysError | None:
+    """Return an error that says what the machine refused; None if the fault is our own."""
+    told = shortage(error)
+    if told is None and isinstance(error, OSError) and error.errno is not None:
+        where = f"{error.filename}: " if error.filename else ""
+        return OaisysError(f"{where}{error.strerror}")
+    return told
+
+
 def _report(error: OaisysError, exit_code: int) -> int:
+    """Print an error and return the exit code; ``-vv`` shows where the error comes from, too."""
     logging.getLogger(__name__).debug("", exc_info=error)
-    typer.echo("\n".join([f"oaisys: {error}", *getattr(error, "__notes__", ())]), err=True)
+    lines = [f"oaisys: {error}", *getattr(error, "__notes__", ())]
+    with suppress(OSError):  # standard error is full or gone
+        typer.echo(printable("\n".join(lines)), err=True)
     return exit_code

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from oaisys_core.system.signals import exit_at_signals
+from oaisys_core.system.standard_streams import open_standard_streams
 
 
 def main() -> None:
     """Run the command line and exit, see `oaisys_core.cli.main`."""
     exit_at_signals()
+    open_standard_streams()
     from oaisys_core.cli.main import run_program
 
     run_program()

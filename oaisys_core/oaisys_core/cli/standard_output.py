@@ -6,7 +6,8 @@ import logging
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import TextIO
 
 
 @contextmanager
@@ -25,7 +26,19 @@ def own_stdout() -> Iterator[None]:
     try:
         yield
     finally:
-        sys.stdout.flush()
-        sys.stdout = python
-        os.dup2(kept, 1)
-        os.close(kept)
+        own, sys.stdout = sys.stdout, python
+        try:
+            _flush(own)
+        finally:
+            os.dup2(kept, 1)
+            os.close(kept)
+
+
+def _flush(stream: TextIO) -> None:
+    """Flush a stream; where it takes no more, close it, so that nothing tries it again."""
+    try:
+        stream.flush()
+    except OSError:
+        with suppress(OSError):
+            stream.close()
+        raise

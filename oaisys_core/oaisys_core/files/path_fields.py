@@ -7,13 +7,15 @@ Paths in requests are `confined` to the asset roots of the server's operator.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ValidationInfo
+
+from oaisys_core.errors import quoted
 
 BASE = "base"
 """Key of pydantic's context with the folder from which relative paths start."""
@@ -99,14 +101,14 @@ def is_confined() -> bool:
 def _file(path: Path, info: ValidationInfo) -> Path:
     found = _absolute(path, info)
     if not _holds(found.is_file):
-        raise ValueError(f"expected an existing file ({found})")
+        raise ValueError(f"expected an existing file ({_shown(found)})")
     return found
 
 
 def _folder(path: Path, info: ValidationInfo) -> Path:
     found = _absolute(path, info)
     if not _holds(found.is_dir):
-        raise ValueError(f"expected an existing folder ({found})")
+        raise ValueError(f"expected an existing folder ({_shown(found)})")
     roots = _confinement.get()
     if roots is not None:
         roots.check_links(found)
@@ -118,7 +120,18 @@ def _absolute(path: Path, info: ValidationInfo) -> Path:
     if roots is not None:
         return roots.find(path)
     base = (info.context or {}).get(BASE, Path())
-    return Path(base, path.expanduser()).resolve()
+    try:
+        return Path(base, path.expanduser()).resolve()
+    except (OSError, RuntimeError) as error:  # links in a circle, or ~ of a user who does not exist
+        raise ValueError(f"expected a path that leads somewhere ({_reason(error)})") from error
+
+
+def _reason(error: Exception) -> str:
+    return "its links go in a circle" if "Symlink loop" in str(error) else str(error)
+
+
+def _shown(path: Path) -> str:
+    return quoted(str(path)).strip("'")
 
 
 def _holds(test: Callable[[], bool]) -> bool:
@@ -134,7 +147,8 @@ def _paths_in(value: Any) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
     elif isinstance(value, str) and value.startswith("/"):
-        yield Path(value).resolve()
+        with suppress(OSError, RuntimeError, ValueError):  # it is no path
+            yield Path(value).resolve()
     elif isinstance(value, Mapping):
         for each in value.values():
             yield from _paths_in(each)

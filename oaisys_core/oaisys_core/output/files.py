@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,15 +16,18 @@ from oaisys_core.system.leftovers import removed_when_killed
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield the path of a temporary file that replaces ``path`` if the block succeeds.
+    """Yield the path of an empty temporary file that replaces ``path`` if the block succeeds.
 
     Raises:
-        RenderError: It could not be written; ``path`` is unchanged.
+        RenderError: It could not be written, or ``path`` is a device, a pipe or a folder, which a
+            file must not replace; ``path`` is unchanged.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     with removed_when_killed(part):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            _require_file(path)
+            _make_anew(part)
             yield part
             part.replace(path)
         except OSError as error:
@@ -31,6 +35,23 @@ def whole(path: Path) -> Iterator[Path]:
         finally:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
+
+
+def _require_file(path: Path) -> None:
+    """Raise `OSError` where a file must not replace what is at ``path``, such as /dev/null."""
+    with suppress(FileNotFoundError):
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError("it exists, and is no regular file")
+        if path.is_symlink() and path.parent.resolve() == Path("/dev"):  # such as /dev/stdout
+            raise OSError("it is a name of the system")
+
+
+def _make_anew(part: Path) -> None:
+    """Make an empty file; a link that somebody else put there is removed, not followed."""
+    part.unlink(missing_ok=True)
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+    os.close(os.open(part, flags, 0o666))
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -154,12 +154,12 @@ class _ProvenanceFields:
 
     seed: Seed
     batch_seed: Seed
-    config_sha256: Text
-    backend: Text
-    backend_version: Text
-    quality: Text
+    config_sha256: Label
+    backend: Label
+    backend_version: Label
+    quality: Label
     render_samples: Number
-    device: Text = "cpu"
+    device: Label = "cpu"
     stage_seed: Seed = 0
     asset_seed: Seed = 0
     metadata_json: Annotated[str, Strict()] = ""

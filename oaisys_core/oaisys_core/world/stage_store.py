@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import secrets
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -85,10 +85,10 @@ def save_stage(path: Path, record: StageRecord) -> None:
             "asset_metadata": dict(record.asset_metadata),
         }
     )
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}")  # nobody can foresee it
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with removed_when_killed(partial), partial.open("wb") as file:
+        with removed_when_killed(partial), partial.open("xb") as file:
             np.savez_compressed(file, record=np.array(text), **_arrays(record.ground))
             partial.replace(path)
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -79,10 +80,10 @@ def _written_folder(place: StoragePlace) -> Iterator[Path]:
             yield folder
             _upload(folder, place)
         return
-    part = target.with_name(f".{target.name}.part")
+    # A name that nobody can foresee: the folder may be in a data set of somebody else.
+    part = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
     with removed_when_killed(part):
         try:
-            shutil.rmtree(part, ignore_errors=True)
             part.mkdir(parents=True)
             yield part
             part.replace(target)

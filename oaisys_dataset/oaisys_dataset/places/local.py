@@ -65,6 +65,7 @@ class LocalPlace:
         part = target.with_name(f".{target.name}.{uuid.uuid4().hex}{PART}")
         with removed_when_killed(part):
             try:
+                self._require_own_folder(target.parent)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 yield part
                 with part.open("rb") as file:
@@ -76,6 +77,14 @@ class LocalPlace:
             finally:
                 with suppress(OSError):
                     part.unlink(missing_ok=True)
+
+    def _require_own_folder(self, folder: Path) -> None:
+        """Raise `OSError` where a link in a place of somebody else leads out of the place."""
+        for each in (folder, *folder.parents):
+            if each == self._root:
+                return
+            if each.is_symlink():
+                raise OSError(f"{each.name} is a link")
 
     @contextmanager
     def streaming(self, name: str) -> Iterator[IO[bytes]]:

@@ -13,6 +13,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import remove_ros_args
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.system.standard_streams import open_standard_streams
 from oaisys_ros_bridge.parameters.reference import NODES, DescribedNode
 from oaisys_ros_bridge.parameters.table import ParameterRow
 
@@ -46,6 +47,7 @@ def parse_arguments(
     Exits with code 0 after ``--help``, and with 2 and a sentence for an argument that neither the
     program nor ROS knows.
     """
+    open_standard_streams()
     given = list(sys.argv if arguments is None else arguments)
     try:
         with checked_ros_arguments(given[1:]):
@@ -65,7 +67,7 @@ def program_parser(
     executable: str, about: str, example: str, lines: Sequence[str] = ()
 ) -> argparse.ArgumentParser:
     """Return a parser whose help ends with an example and, before it, with ``lines``."""
-    command = f"python -m oaisys_ros_bridge.nodes.{executable}"
+    command = f"python -P -m oaisys_ros_bridge.nodes.{executable}"
     return argparse.ArgumentParser(
         prog=command,
         usage=f"{command} [OPTIONS] [--ros-args ROS_ARGUMENTS]",

@@ -64,7 +64,7 @@ def test_help_lists_parameters_and_an_example(name: str, capsys: pytest.CaptureF
     assert end(PROGRAMS[name], "--help") == 0
     text, errors = capsys.readouterr()
     assert not errors
-    assert f"example:\n  python -m oaisys_ros_bridge.nodes.{name} " in text
+    assert f"example:\n  python -P -m oaisys_ros_bridge.nodes.{name} " in text
     for row in (row for node in NODES if node.executable == name for row in node.parameters):
         assert f"  {row.name} (default " in text
         assert row.description in text

@@ -62,8 +62,9 @@ class RotatingScanConfig(Section):
         if not isinstance(data, Mapping):
             return data
         filled = {**_PRESETS.get(str(data.get("preset")), {}), **data}
-        if data.get("elevations_deg"):
-            filled.setdefault("channels", len(data["elevations_deg"]))
+        elevations = data.get("elevations_deg")
+        if isinstance(elevations, list | tuple) and elevations:
+            filled.setdefault("channels", len(elevations))
         return filled
 
     @model_validator(mode="after")

@@ -1,0 +1,58 @@
+"""Where files are written: never over a device, never through somebody else's link."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+from commands import oaisys
+
+from oaisys_core.errors import RenderError
+from oaisys_core.output.files import write_text
+from oaisys_dataset.places import open_place
+
+
+def test_no_file_replaces_a_device_or_a_pipe(tmp_path: Path) -> None:
+    """`--out /dev/null`, as root, made a regular file of /dev/null."""
+    pipe, device = tmp_path / "pipe.json", tmp_path / "device.json"
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/null")
+    for path in (pipe, device):
+        with pytest.raises(RenderError, match="no regular file"):
+            write_text(path, "{}")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert device.is_symlink()
+    assert sorted(tmp_path.iterdir()) == [device, pipe]
+
+
+def test_a_command_says_that_its_output_is_no_file(tmp_path: Path) -> None:
+    pipe = tmp_path / "heights.tif"
+    os.mkfifo(pipe)
+    config = tmp_path / "world.yaml"
+    config.write_text("backend: analytic\nstage: {extent_m: 10, resolution_px: 33}\n")
+    done = oaisys("heights", "--config", config, "--out", pipe)
+    assert done.returncode == 1
+    assert "no regular file" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_link_under_the_temporary_name_is_not_followed(tmp_path: Path) -> None:
+    """The name can be foreseen, so another user may put a link there."""
+    victim, path = tmp_path / "victim", tmp_path / "out.json"
+    victim.write_text("precious")
+    (tmp_path / ".out.part.json").symlink_to(victim)
+    write_text(path, "{}")
+    assert victim.read_text() == "precious"
+    assert path.read_text() == "{}"
+
+
+def test_a_folder_of_a_data_set_that_is_a_link_is_not_written_to(tmp_path: Path) -> None:
+    victim, dataset = tmp_path / "victim", tmp_path / "set"
+    victim.mkdir()
+    dataset.mkdir()
+    (dataset / "card").symlink_to(victim)
+    with pytest.raises(RenderError, match="card is a link"):
+        open_place(dataset).write("card/picture.png", b"1")
+    assert not list(victim.iterdir())
