@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery bench test test-full bench-test fuzz lint format schema contract clean
+.PHONY: help setup demo gallery bench test test-full bench-test fuzz lint format schema licences contract clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -71,6 +71,9 @@ schema: setup ## Write the configuration's schema and the reference pages anew f
 	@$(IN_ENV) oaisys config schema --out config/schema.json
 	@$(IN_ENV) oaisys config reference --out docs/configuration.md
 	@$(IN_ENV) oaisys ros reference --out docs/ros.md
+
+licences: setup ## Write the tables of docs/licences.md anew from the installed packages
+	@$(IN_ENV) python -m tools.licences
 
 contract: setup ## Make today's gRPC contract the released one, which `make lint` lets nobody break
 	@tools/buf.sh '$(abspath $(VENV))/buf' release

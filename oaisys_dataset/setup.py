@@ -5,6 +5,6 @@ from setuptools import setup
 setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/oaisys_dataset"]),
-        ("share/oaisys_dataset", ["package.xml"]),
+        ("share/oaisys_dataset", ["package.xml", "README.md", "CHANGELOG.rst"]),
     ],
 )

@@ -40,6 +40,6 @@ setup(
     cmdclass={"build_py": BuildPy, "develop": Develop},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/oaisys_grpc"]),
-        ("share/oaisys_grpc", ["package.xml"]),
+        ("share/oaisys_grpc", ["package.xml", "README.md", "CHANGELOG.rst"]),
     ],
 )

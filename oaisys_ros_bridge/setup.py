@@ -26,7 +26,7 @@ def shared(folder: str) -> list[tuple[str, list[str]]]:
 setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/oaisys_ros_bridge"]),
-        ("share/oaisys_ros_bridge", ["package.xml"]),
+        ("share/oaisys_ros_bridge", ["package.xml", "README.md", "CHANGELOG.rst"]),
         *shared("launch"),
         *shared("config"),
     ],

@@ -12,7 +12,8 @@ import pytest
 from repository import REPOSITORY
 
 PAGES = [
-    *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted(REPOSITORY.glob("*.md")),
+    *sorted(REPOSITORY.glob("oaisys_*/README.md")),
     *sorted((REPOSITORY / "docs").glob("*.md")),
     *sorted((REPOSITORY / "examples").rglob("*.md")),
 ]

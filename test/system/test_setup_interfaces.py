@@ -92,7 +92,8 @@ def test_an_archive_fits_another_environment(tmp_path: Path) -> None:
 
 def test_a_renamed_message_leaves_nothing_behind(tmp_path: Path) -> None:
     names, prefix = tmp_path / "names", tmp_path / "prefix"
-    old = installed(tmp_path / "old", {"share/Old.msg": b"", "share/Same.msg": b"old"})
+    files = {"share/Old.msg": b"", "share/Same.msg": b"old", "share/0.1.egg-info/PKG-INFO": b""}
+    old = installed(tmp_path / "old", files)
     new = installed(tmp_path / "new", {"share/New.msg": b"", "share/Same.msg": b"new"})
     unpack(pack(old, prefix), prefix, names)
     installed(prefix, {"share/wheel.cmake": b""})

@@ -10,6 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
+from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import parse_package
 from repository import REPOSITORY
 
@@ -17,6 +19,7 @@ import oaisys_core
 
 VERSION = (REPOSITORY / "VERSION").read_text(encoding="ascii").strip()
 PACKAGES = sorted(file.parent for file in REPOSITORY.glob("oaisys_*/package.xml"))
+DOCUMENTS = ("README.md", "CHANGELOG.rst", "resource")
 PYTHON_PACKAGES = [package for package in PACKAGES if (package / "setup.cfg").is_file()]
 
 
@@ -71,12 +74,50 @@ def changelog() -> str:
     return (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("package", PACKAGES, ids=name_of)
+def test_the_changelog_of_a_package_has_the_versions_of_the_repository(package: Path) -> None:
+    dates = dict(re.findall(r"^## (\d\S*) \((\S+)\)$", changelog(), re.MULTILINE))
+    entries = get_changelog_from_path(str(package / "CHANGELOG.rst")).foreach_version(reverse=True)
+    own = {version: f"{date:%Y-%m-%d}" for version, date, _ in entries}
+    assert next(iter(own)) == VERSION
+    assert own.items() <= dates.items()
+
+
+def test_the_citation_has_version_and_date() -> None:
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    date = re.search(rf"^## {re.escape(VERSION)} \((\S+)\)$", changelog(), re.MULTILINE)
+    assert date is not None
+    assert citation["version"] == VERSION
+    assert str(citation["date-released"]) == date[1]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=name_of)
+def test_package_xml_says_who_made_it_and_where_it_is(package: Path) -> None:
+    manifest = parse_package(str(package))
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    addresses = {url.type: url.url for url in manifest.urls}
+    assert set(addresses) == {"website", "repository", "bugtracker"}
+    assert addresses["repository"] == citation["repository-code"]
+    assert all(url.startswith(addresses["repository"]) for url in addresses.values())
+    assert [author.name for author in manifest.authors] == ["The OAISYS developers"]
+    assert manifest.maintainers
+    manifest.validate()
+
+
 def test_an_sdist_holds_the_version_itself(tmp_path: Path) -> None:
     """A link would lead nowhere where somebody unpacks it."""
     package = REPOSITORY / "oaisys_mapping"
     copy = tmp_path / package.name
     copy.mkdir()
-    for name in ("setup.cfg", "setup.py", "pyproject.toml", "package.xml", "resource"):
+    for name in (
+        "CHANGELOG.rst",
+        "resource",
+        "setup.cfg",
+        "setup.py",
+        "pyproject.toml",
+        "package.xml",
+        "README.md",
+    ):
         (copy / name).symlink_to(package / name)
     (copy / package.name).mkdir()
     (copy / package.name / "__init__.py").touch()

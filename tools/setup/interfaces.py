@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import platform
@@ -133,6 +134,14 @@ def pack(stage: Path, prefix: Path) -> bytes:
     return archive.getvalue()
 
 
+def _remove(name: Path, prefix: Path) -> None:
+    """Remove a file and the folders that it leaves empty: pip warns of empty ``egg-info``."""
+    (prefix / name).unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # raised by the first that is not empty
+        for folder in list(name.parents)[:-1]:
+            (prefix / folder).rmdir()
+
+
 def unpack(archive: bytes, prefix: Path, names_file: Path) -> None:
     """Put the files of an archive into an environment, in the place of those of the last one.
 
@@ -147,7 +156,7 @@ def unpack(archive: bytes, prefix: Path, names_file: Path) -> None:
         old_names = set(names_file.read_text().splitlines()) if names_file.is_file() else set()
         names_file.write_text("\n".join(sorted(names | old_names)))
         for name in old_names - names:
-            (prefix / name).unlink(missing_ok=True)
+            _remove(Path(name), prefix)
         for member in members:
             content = tar.extractfile(member)
             if content is None:

@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Refuses a commit message whose subject is longer than 72 characters or runs into its body.
+set -euo pipefail
+mapfile -t lines < <(grep -v '^#' "$1")
+subject=${lines[0]-}
+if [ "${#subject}" -gt 72 ] && [[ "$subject" != "fixup! "* ]]; then
+    echo "the subject has ${#subject} characters, at most 72 are allowed: $subject" >&2
+    exit 1
+fi
+if [ -n "${lines[1]-}" ]; then
+    echo "an empty line must stand between subject and body" >&2
+    exit 1
+fi
