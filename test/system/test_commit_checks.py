@@ -45,5 +45,5 @@ def test_the_hooks_need_no_network() -> None:
 
 
 def test_the_settings_are_what_pre_commit_takes() -> None:
-    command = ["pre-commit", "validate-config", REPOSITORY / ".pre-commit-config.yaml"]
+    command = ["pre-commit", "validate-config", str(REPOSITORY / ".pre-commit-config.yaml")]
     subprocess.run(command, check=True, capture_output=True)
