@@ -68,3 +68,29 @@ def test_each_module_is_imported_by_one_above_it(modules: list[str]) -> None:
     for module in modules[1:]:
         assert module in reached, f"no module above {module} imports it"
         reached |= imported_by(module)
+
+
+def test_a_view_is_learned_from_at_most_six_files_that_exist() -> None:
+    section = (
+        PAGE.read_text(encoding="utf-8").split("## How a view is rendered")[1].split("\n## ")[0]
+    )
+    files = re.findall(r"^\d\. `([\w/]+\.py)`", section, re.MULTILINE)
+    assert 0 < len(files) <= 6
+    core = REPOSITORY / "oaisys_core" / "oaisys_core"
+    every = re.findall(r"`([\w/]+\.py)`", section)
+    assert [file for file in every if not (core / file).is_file()] == []
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "a kind of image (modality) is added",
+        "a format of data sets is added",
+        "a private symbol of Blender is used",
+    ],
+)
+def test_what_is_looked_for_is_in_at_most_three_modules(what: str) -> None:
+    (row,) = re.findall(
+        rf"^\| {re.escape(what)} \| (.+) \|$", PAGE.read_text("utf-8"), re.MULTILINE
+    )
+    assert 0 < len(re.findall(r"`oaisys_[\w.]+(?:/setup\.cfg)?`", row)) <= 3
