@@ -56,6 +56,7 @@ def in_blender(job: str, *arguments: Any) -> Any:
 
 
 if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).resolve().parents[2]))  # for tools.bench.cycles_passes
     name, file = sys.argv[1], Path(sys.argv[2])
     module, function = name.split(".")
     call = getattr(importlib.import_module(f"blender_jobs.{module}"), function)

@@ -17,9 +17,9 @@ from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings, with_sep
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.render.blender import BlenderBackend, cycles
-from oaisys_core.render.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.scene import PlacedCamera, Primitive, Scene
 from oaisys_core.types import RGB, FloatArray, Frame, PinholeIntrinsics, Progress, TriangleMesh
+from tools.bench.cycles_passes import FILTER_WIDTH_PX
 
 
 def ignore(progress: Progress) -> None:

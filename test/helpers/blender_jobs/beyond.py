@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from oaisys_core.config import SimulationConfig, load_config
 from oaisys_core.render.blender import cycles
-from oaisys_core.render.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose
+from tools.bench.cycles_passes import FILTER_WIDTH_PX
 
 Images = dict[str, NDArray[Any]]
 

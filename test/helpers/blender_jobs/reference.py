@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at, pose_looking_down, pose_to_matrix
-from oaisys_core.render.blender.reference import reference_images
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, PinholeIntrinsics, Pose
+from tools.bench.cycles_passes import reference_images
 
 Images = dict[str, NDArray[Any]]
 

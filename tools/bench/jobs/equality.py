@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.procedural.terrain.presets import PRESETS
 from oaisys_core.raycast.surface import Surface, ground_mesh
-from oaisys_core.render.blender.reference import reference_images
 from oaisys_core.render.geometry_pass import PoseMemory, geometry_frames
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, ModuleMetadata, Pose
+from tools.bench.cycles_passes import reference_images
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
 from tools.bench.views import random_poses

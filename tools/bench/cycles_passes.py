@@ -1,6 +1,6 @@
 """Depth and labels from passes of Cycles, as a reference for the faster ray casting.
 
-Tests and benchmarks compare `oaisys_core.raycast.surface` with it. Cycles renders the same objects
+Tests and the bench compare `oaisys_core.raycast.surface` with it. Cycles renders the same objects
 as for colour, under a material that only writes the id of each object and the weights of the
 ground's layers, which Cycles interpolates itself. A minimal pixel filter keeps each ray within
 0.005 px of its pixel's centre.
