@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
 from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fitted
 from oaisys_core.procedural.scatter.plants.organ_sizes import MARGIN, ORGANS, inner
-from oaisys_core.procedural.scatter.plants.organs import LEAF_TRANSLUCENCY, add_kites
+from oaisys_core.procedural.scatter.plants.organs import LEAF_TRANSLUCENCY, Organs, add_kites
 from oaisys_core.procedural.scatter.rocks import icosphere
 from oaisys_core.types import FloatArray
 
@@ -130,8 +130,8 @@ def shrub(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder
         outer = np.clip(np.linalg.norm(foot, axis=1) / 0.9, 0, 1)[:, None]
         color = _mix(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform(size=(count, 1)) ** 2)
         color = (0.6 + 0.6 * outer) * color * rng.uniform(0.85, 1.15, (count, 1))
-        lengths, widths = leaf.drawn(count, rng, unit_m)
-        add_kites(parts, foot, ways, lengths, widths, color, rng)
+        organs = Organs(foot, ways, *leaf.drawn(count, rng, unit_m), color)
+        add_kites(parts, organs, rng)
     return parts
 
 

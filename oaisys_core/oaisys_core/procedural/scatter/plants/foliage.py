@@ -17,6 +17,7 @@ from oaisys_core.procedural.scatter.plants.organs import (
     FORK_TRIANGLES,
     SHOOT_TRIANGLES,
     SPREAD,
+    Organs,
     add_forks,
     add_leaves,
     add_needles,
@@ -106,18 +107,16 @@ class Dress:
         """Add leaves, as many of them folded ones of four triangles as there may be."""
         feet, directions, colors = self._places(min(wanted, most), rng)
         count = len(feet)
-        lengths, widths = self.organ.drawn(count, rng, self.size_m)
+        leaves = (feet, directions, *self.organ.drawn(count, rng, self.size_m), colors)
         folded = rng.permutation(count) < (most - count) // (LEAF_TRIANGLES - 1)
         for chosen, add in ((folded, add_leaves), (~folded, add_simple_leaves)):
-            add(
-                self.parts, feet[chosen], directions[chosen], lengths[chosen], widths[chosen],
-                colors[chosen], rng, droop=self.foliage.droop,
-            )  # fmt: skip
+            some = Organs(*(each[chosen] for each in leaves))
+            add(self.parts, some, rng, droop=self.foliage.droop)
 
     def _needles(self, count: int, rng: np.random.Generator) -> None:
         feet, directions, colors = self._places(count, rng)
-        lengths, widths = self.organ.drawn(len(feet), rng, self.size_m)
-        add_needles(self.parts, feet, directions, lengths, widths, colors, rng)
+        sizes = self.organ.drawn(len(feet), rng, self.size_m)
+        add_needles(self.parts, Organs(feet, directions, *sizes, colors), rng)
 
     def _shoots(
         self, area_m2: float, most: int, limits_m: tuple[float, float], rng: np.random.Generator
@@ -141,13 +140,11 @@ class Dress:
             lengths = np.clip(lengths, low_m, high_m) / self.size_m
             teeth, _ = self.organ.drawn(len(feet), rng, self.size_m)
             if is_fork:
-                widths = 2 * SPREAD * teeth
-                add_forks(self.parts, feet, directions, lengths, widths, colors, rng)
+                organs = Organs(feet, directions, lengths, 2 * SPREAD * teeth, colors)
+                add_forks(self.parts, organs, rng)
             else:
-                add_shoots(
-                    self.parts, feet, directions, lengths, teeth, colors, rng,
-                    slim=self.foliage.slim,
-                )  # fmt: skip
+                organs = Organs(feet, directions, lengths, teeth, colors)
+                add_shoots(self.parts, organs, rng, slim=self.foliage.slim)
 
     def _places(
         self, wanted: float, rng: np.random.Generator
@@ -171,7 +168,8 @@ class Dress:
         ends = feet + lengths[:, None] * unit(directions)
         widths = TWIG_WIDTH * lengths
         bark = np.tile(np.asarray(self.bark, np.float64), (len(feet), 1))
-        add_needles(self.parts, feet, directions, lengths, widths, bark, rng, translucency=0.0)
+        twigs = Organs(feet, directions, lengths, widths, bark)
+        add_needles(self.parts, twigs, rng, translucency=0.0)
         return Stems(np.stack((feet, ends), axis=1), np.zeros((len(feet), 2)))
 
 

@@ -12,6 +12,7 @@ from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
 from oaisys_core.procedural.scatter.plants.growth import UP, StemRule, Stems, branches, stems, unit
 from oaisys_core.procedural.scatter.plants.organ_sizes import ORGANS, OrganSize, inner
 from oaisys_core.procedural.scatter.plants.organs import (
+    Organs,
     add_blades,
     add_leaves,
     add_needles,
@@ -161,11 +162,13 @@ def _leaflets(
     share = np.repeat(old, number)[:, None]
     add_leaves(
         parts,
-        feet.reshape(-1, 3),
-        (side + 0.35 * along).reshape(-1, 3),
-        lengths.ravel(),
-        np.clip(0.42 * lengths.ravel(), thinnest, broadest),
-        green + (brown - green) * share,
+        Organs(
+            feet.reshape(-1, 3),
+            (side + 0.35 * along).reshape(-1, 3),
+            lengths.ravel(),
+            np.clip(0.42 * lengths.ravel(), thinnest, broadest),
+            green + (brown - green) * share,
+        ),
         rng,
         fold=0.1,
         droop=0.1,
@@ -263,11 +266,13 @@ def _flowers(
     ways = unit(out[None] + 0.6 * along)
     add_leaves(
         parts,
-        np.repeat(ends[:, 0], petals, axis=0),
-        ways.reshape(-1, 3),
-        np.full(count * petals, size),
-        np.full(count * petals, width),
-        shades(rng, color, color, count * petals, 0.05),
+        Organs(
+            np.repeat(ends[:, 0], petals, axis=0),
+            ways.reshape(-1, 3),
+            np.full(count * petals, size),
+            np.full(count * petals, width),
+            shades(rng, color, color, count * petals, 0.05),
+        ),
         rng,
         droop=0.05,
         face_up=4.0,
@@ -275,11 +280,13 @@ def _flowers(
     hearts = np.repeat(ends[:, 0], 6, axis=0) + 0.002 / unit_m * rng.normal(size=(6 * count, 3))
     add_needles(
         parts,
-        hearts,
-        UP + rng.normal(0, 0.5, (6 * count, 3)),
-        np.full(6 * count, 0.35 * size),
-        np.full(6 * count, 0.42 * size),
-        shades(rng, YELLOW, (0.6, 0.4, 0.1), 6 * count),
+        Organs(
+            hearts,
+            UP + rng.normal(0, 0.5, (6 * count, 3)),
+            np.full(6 * count, 0.35 * size),
+            np.full(6 * count, 0.42 * size),
+            shades(rng, YELLOW, (0.6, 0.4, 0.1), 6 * count),
+        ),
         rng,
     )
 

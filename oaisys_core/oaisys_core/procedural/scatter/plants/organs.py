@@ -5,6 +5,8 @@ Colours are sRGB-encoded, 0 to 1.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -16,6 +18,22 @@ LEAF_TRANSLUCENCY = 0.45
 """Share of the scattered light that leaves a leaf on the other side."""
 
 NEEDLE_TRANSLUCENCY = 0.2
+
+
+class Organs(NamedTuple):
+    """N leaves, needles or shoots.
+
+    Attributes:
+        feet_m, directions: (N, 3) places and directions.
+        lengths_m, widths_m: (N,) sizes.
+        colors: (N, 3) colours.
+    """
+
+    feet_m: FloatArray
+    directions: FloatArray
+    lengths_m: FloatArray
+    widths_m: FloatArray
+    colors: FloatArray
 
 
 def add_stems(parts: MeshBuilder, stems: Stems, colors: ArrayLike, sides: int = 3) -> None:
@@ -42,11 +60,7 @@ def add_stems(parts: MeshBuilder, stems: Stems, colors: ArrayLike, sides: int = 
 
 def add_leaves(
     parts: MeshBuilder,
-    feet_m: FloatArray,
-    directions: FloatArray,
-    lengths_m: FloatArray,
-    widths_m: FloatArray,
-    colors: FloatArray,
+    organs: Organs,
     rng: np.random.Generator,
     *,
     fold: float = 0.25,
@@ -58,8 +72,7 @@ def add_leaves(
 
     Args:
         parts: Where they are added.
-        feet_m, directions, lengths_m, widths_m: (N, 3), (N, 3), (N,) and (N,).
-        colors: (N, 3).
+        organs: The leaves.
         rng: Turns them.
         fold: Height of the sides above the midrib, as a share of half the width.
         droop: How much the tip hangs down: the length, times this, is added downwards before the
@@ -67,6 +80,7 @@ def add_leaves(
         face_up: How much they turn their upper sides towards the sky; 0 for any direction.
         translucency: Share of light that goes through.
     """
+    feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(directions)
     side = unit(np.cross(ahead, face_up * UP + 0.6 * rng.normal(size=ahead.shape)))
     normal = np.cross(side, ahead)
@@ -84,16 +98,13 @@ def add_leaves(
 
 def add_simple_leaves(
     parts: MeshBuilder,
-    feet_m: FloatArray,
-    directions: FloatArray,
-    lengths_m: FloatArray,
-    widths_m: FloatArray,
-    colors: FloatArray,
+    organs: Organs,
     rng: np.random.Generator,
     *,
     droop: float = 0.25,
 ) -> None:
-    """Add leaves of one triangle each, as large as those of `add_leaves`; for what see there."""
+    """Add leaves of one triangle each, as large as those of `add_leaves`."""
+    feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(unit(directions) - 0.5 * droop * UP)
     side = unit(np.cross(ahead, UP + 0.6 * rng.normal(size=ahead.shape)))
     side *= rng.choice((-1.0, 1.0), (len(side), 1))
@@ -110,14 +121,11 @@ def add_simple_leaves(
 
 def add_kites(
     parts: MeshBuilder,
-    feet_m: FloatArray,
-    directions: FloatArray,
-    lengths_m: FloatArray,
-    widths_m: FloatArray,
-    colors: FloatArray,
+    organs: Organs,
     rng: np.random.Generator,
 ) -> None:
-    """Add flat leaves of two triangles that face any direction; for what see `add_leaves`."""
+    """Add flat leaves of two triangles that face any direction."""
+    feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(directions)
     side = unit(np.cross(ahead, rng.normal(size=ahead.shape)))
     long, half = lengths_m[:, None], 0.5 * widths_m[:, None]
@@ -136,19 +144,16 @@ SPREAD = 0.82
 
 def add_shoots(
     parts: MeshBuilder,
-    feet_m: FloatArray,
-    directions: FloatArray,
-    lengths_m: FloatArray,
-    teeth_m: FloatArray,
-    colors: FloatArray,
+    organs: Organs,
     rng: np.random.Generator,
     *,
     slim: bool = False,
 ) -> None:
-    """Add shoots full of needles: four teeth around a spine, each as long as a needle, (N,).
+    """Add shoots full of needles: four teeth around a spine, each as long as the shoot is wide.
 
     ``slim`` teeth take a third of the spine, others half.
     """
+    feet_m, directions, lengths_m, teeth_m, colors = organs
     ahead = unit(directions)
     first = unit(np.cross(ahead, UP + 0.5 * rng.normal(size=ahead.shape)))
     second = np.cross(ahead, first)
@@ -171,14 +176,11 @@ def add_shoots(
 
 def add_forks(
     parts: MeshBuilder,
-    feet_m: FloatArray,
-    directions: FloatArray,
-    lengths_m: FloatArray,
-    widths_m: FloatArray,
-    colors: FloatArray,
+    organs: Organs,
     rng: np.random.Generator,
 ) -> None:
     """Add pairs of shoots as they look from afar: two triangles that begin at one point."""
+    feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(directions)
     level = unit(np.cross(ahead, UP + 0.5 * rng.normal(size=ahead.shape)))
     corners = [feet_m]
@@ -194,15 +196,12 @@ def add_forks(
 
 def add_needles(
     parts: MeshBuilder,
-    feet_m: FloatArray,
-    directions: FloatArray,
-    lengths_m: FloatArray,
-    widths_m: FloatArray,
-    colors: FloatArray,
+    organs: Organs,
     rng: np.random.Generator,
     translucency: float = NEEDLE_TRANSLUCENCY,
 ) -> None:
-    """Add needles of one triangle each; for the arguments see `add_leaves`."""
+    """Add needles of one triangle each."""
+    feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(directions)
     side = unit(np.cross(ahead, rng.normal(size=ahead.shape)))
     half = 0.5 * widths_m[:, None] * side

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -55,14 +54,11 @@ class WoodyPlant:
 
     def grow(self, name: str, rng: np.random.Generator, size_m: float = 1.0) -> MeshPrototype:
         """Return a plant for a size, scaled to 1 m along its longest axis."""
-        return fitted(name, partial(self._build, ORGANS[name]), rng, size_m)
+        organs = ORGANS[name]
+        return fitted(name, lambda rng, unit_m, _: self._build(organs, rng, unit_m), rng, size_m)
 
     def _build(
-        self,
-        organs: Mapping[str, OrganSize],
-        rng: np.random.Generator,
-        size_m: float,
-        _plant_m: float,
+        self, organs: Mapping[str, OrganSize], rng: np.random.Generator, unit_m: float
     ) -> MeshBuilder:
         parts = MeshBuilder()
         orders = self._orders(rng)
@@ -80,10 +76,10 @@ class WoodyPlant:
         flowers = round(FLOWER_SHARE * left) if self.flowers is not None else 0
         where = [(outer, 1.0), (inner, inner_share)]
         bark = self.bark[1]
-        dress = Dress(parts, where, self.foliage, organs["leaf"], bark, size_m)
+        dress = Dress(parts, where, self.foliage, organs["leaf"], bark, unit_m)
         dress.dress(left - flowers, rng)
         if self.flowers is not None:
-            dress = Dress(parts, [(outer, 1.0)], self.flowers, organs["flower"], bark, size_m)
+            dress = Dress(parts, [(outer, 1.0)], self.flowers, organs["flower"], bark, unit_m)
             dress.dress(flowers, rng)
         return parts
 
