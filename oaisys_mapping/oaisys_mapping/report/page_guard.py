@@ -25,10 +25,9 @@ from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-_LOG = logging.getLogger(__name__)
+from oaisys_core.system.periodic_count import PeriodicCount
 
-TOLD_PERIOD_S = 60.0
-"""At most one line about refused requests in so many seconds."""
+_LOG = logging.getLogger(__name__)
 
 Answer = Response | None
 Process = Callable[[Any, Request], Answer | Awaitable[Answer]]
@@ -51,9 +50,7 @@ class PageGuard:
         self.token = secrets.token_urlsafe(24)
         self.refused = 0
         self._names = {"localhost", host.lower(), socket.gethostname().lower()}
-        self._now_s = now_s
-        self._untold = 0
-        self._told_s = -TOLD_PERIOD_S
+        self._untold = PeriodicCount(now_s)
 
     @contextmanager
     def installed(self) -> Iterator[None]:
@@ -89,12 +86,11 @@ class PageGuard:
             return "the token in the address is missing or wrong"
         return ""
 
-    def tell(self, *, at_once: bool = False, reason: str = "") -> None:
+    def tell(self, *, at_once: bool = False) -> None:
         """Write how many requests were refused since the last line, if that is due."""
-        if self._untold and (at_once or self._now_s() >= self._told_s + TOLD_PERIOD_S):
-            last = f", the last because {reason}" if reason else ""
-            _LOG.warning("requests to the page refused: %d%s", self._untold, last)
-            self._untold, self._told_s = 0, self._now_s()
+        count, reason = self._untold.take(at_once=at_once)
+        if count:
+            _LOG.warning("requests to the page refused: %d, the last because %s", count, reason)
 
     def _is_own(self, name: str | None) -> bool:
         """Return whether a host is an address or a name of this machine; no other name is."""
@@ -107,8 +103,8 @@ class PageGuard:
         async def guarded(connection: Any, request: Request) -> Answer:
             if reason := self.fault(request):
                 self.refused += 1
-                self._untold += 1
-                self.tell(reason=reason)
+                self._untold.add(reason)
+                self.tell()
                 return _response(http.HTTPStatus.FORBIDDEN, f"refused: {reason}\n")
             path = request.path.removeprefix(f"/{self.token}")
             if not path.startswith("/") and "Upgrade" not in request.headers:

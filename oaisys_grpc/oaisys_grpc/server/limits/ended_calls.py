@@ -7,19 +7,11 @@ import threading
 import time
 from collections.abc import Callable
 
+from oaisys_core.system.periodic_count import PeriodicCount
+
 _LOG = logging.getLogger(__name__)
 
-PERIOD_S = 60.0
-"""At most one line in so many seconds for each reason."""
-
 _MAX_REASONS = 64
-
-
-class _Tally:
-    """Calls that ended for one reason since the last line."""
-
-    def __init__(self) -> None:
-        self.count, self.last, self.told_s = 0, "", -PERIOD_S
 
 
 class EndedCalls:
@@ -27,7 +19,7 @@ class EndedCalls:
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
-        self._tallies: dict[str, _Tally] = {}
+        self._counts: dict[str, PeriodicCount] = {}
         self._lock = threading.Lock()
 
     def add(self, call: str, reason: str) -> None:
@@ -38,24 +30,17 @@ class EndedCalls:
             reason: Why it was ended; one of few.
         """
         with self._lock:
-            if reason not in self._tallies and len(self._tallies) >= _MAX_REASONS:
+            if reason not in self._counts and len(self._counts) >= _MAX_REASONS:
                 reason = "other reasons"
-            tally = self._tallies.setdefault(reason, _Tally())
-            tally.count, tally.last = tally.count + 1, call
+            self._counts.setdefault(reason, PeriodicCount(self._now_s)).add(call)
         self.tell()
 
     def tell(self, *, at_once: bool = False) -> None:
         """Write what is due to the log, or all that is not written yet."""
         with self._lock:
-            now_s = self._now_s()
-            for reason, tally in self._tallies.items():
-                if tally.count and (at_once or now_s >= tally.told_s + PERIOD_S):
-                    _write(reason, tally)
-                    tally.count, tally.told_s = 0, now_s
-
-
-def _write(reason: str, tally: _Tally) -> None:
-    if tally.count == 1:
-        _LOG.warning("%s: %s", tally.last, reason)
-    else:
-        _LOG.warning("%d calls, at last %s: %s", tally.count, tally.last, reason)
+            for reason, counted in self._counts.items():
+                count, last = counted.take(at_once=at_once)
+                if count == 1:
+                    _LOG.warning("%s: %s", last, reason)
+                elif count:
+                    _LOG.warning("%d calls, at last %s: %s", count, last, reason)

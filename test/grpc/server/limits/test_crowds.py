@@ -17,10 +17,11 @@ from served_simulator import FLAT_WORLD, Server
 from waiting import LOAD_FACTOR, PATIENCE_S, wait_until
 
 from oaisys_core.geometry import pose_looking_down
+from oaisys_core.system.periodic_count import PERIOD_S
 from oaisys_grpc.server.limits import call_threads as threads_module
 from oaisys_grpc.server.limits.call_threads import MAX_WITHOUT_REQUEST, CallThreads
 from oaisys_grpc.server.limits.connections import STREAMS_OF_CONNECTION
-from oaisys_grpc.server.limits.ended_calls import PERIOD_S, EndedCalls
+from oaisys_grpc.server.limits.ended_calls import EndedCalls
 from oaisys_grpc.server.limits.slots import MAX_WAITING
 
 VIEW_S = 2.0
