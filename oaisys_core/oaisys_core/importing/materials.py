@@ -29,7 +29,6 @@ STAND_INS = {
 }
 NO_STAND_IN = "soil"
 POOL_KEY = re.compile(r"terrainTextureList(\d*)")
-IGNORED = frozenset({"terrainTextureList"})
 
 
 def material(document: Json, name: str) -> Json:

@@ -18,15 +18,6 @@ GREY = "Y"
 """Name of the channel of a single-channel image."""
 
 
-def write_grey(path: Path, image: NDArray[np.float32]) -> None:
-    """Write an (H, W) float32 image without loss; inverse: `read_channels`.
-
-    Raises:
-        RenderError: It could not be written.
-    """
-    write_channels(path, {GREY: image})
-
-
 def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
     """Write (H, W) float32 channels by name without loss; inverse: `read_channels`.
 

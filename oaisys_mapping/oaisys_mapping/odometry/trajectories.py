@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.odometry.programs import ProgramError, program, run_program
 
-EVO = "evo"
 SEGMENT_M = 100.0
 """Length of the segments over which drift is measured, if the way is twice as long."""
 

@@ -35,7 +35,6 @@ MM_PER_M = 1000.0
 COLORS = frozenset({"rgb8"})
 LABELS = frozenset({"16UC1"})
 IDS = frozenset({"32SC1"})
-DEPTHS = frozenset({"32FC1"})
 """Encodings of images that have compressed variants."""
 
 

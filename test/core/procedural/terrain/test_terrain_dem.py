@@ -158,7 +158,7 @@ def test_a_png_needs_a_scale(tmp_path: Path) -> None:
 def test_an_exr_keeps_its_floats(tmp_path: Path) -> None:
     heights = plane(17, 33, (0.5, 0.5)).astype(np.float32)
     heights[3, 4] = np.nan
-    exr.write_grey(tmp_path / "plane.exr", heights)
+    exr.write_channels(tmp_path / "plane.exr", {exr.GREY: heights})
     imported = import_dem(tmp_path / "plane.exr", spacing_m=0.5, offset_m=0.0)
     assert imported.filled_px == 1
     assert_is_plane(imported.ground, 1e-4)
@@ -166,7 +166,7 @@ def test_an_exr_keeps_its_floats(tmp_path: Path) -> None:
 
 def test_a_coarser_ground_has_the_same_plane(tmp_path: Path) -> None:
     heights = plane(101, 101, (0.5, 0.5)).astype(np.float32)
-    exr.write_grey(tmp_path / "plane.exr", heights)
+    exr.write_channels(tmp_path / "plane.exr", {exr.GREY: heights})
     ground = import_dem(
         tmp_path / "plane.exr", spacing_m=0.5, ground_spacing_m=2.0, offset_m=0.0
     ).ground
@@ -176,7 +176,7 @@ def test_a_coarser_ground_has_the_same_plane(tmp_path: Path) -> None:
 
 
 def test_the_median_comes_to_zero(tmp_path: Path) -> None:
-    exr.write_grey(tmp_path / "plane.exr", plane(9, 9, (1, 1)).astype(np.float32))
+    exr.write_channels(tmp_path / "plane.exr", {exr.GREY: plane(9, 9, (1, 1)).astype(np.float32)})
     ground = import_dem(tmp_path / "plane.exr", spacing_m=1.0).ground
     assert np.median(ground.elevation_m) == 0
 

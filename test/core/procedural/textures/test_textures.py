@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.output.exr import write_grey
+from oaisys_core.output.exr import GREY, write_channels
 from oaisys_core.procedural.textures import (
     TEXTURES,
     default_cache_dir,
@@ -129,7 +129,7 @@ def test_only_the_colour_map_must_be_there(tmp_path: Path) -> None:
 
 def test_a_height_map_may_be_an_exr_image(tmp_path: Path) -> None:
     write_folder(tmp_path, {"ground_col.png": np.full((16, 16, 3), 90, np.uint8)})
-    write_grey(tmp_path / "ground_disp.exr", np.full((16, 16), 0.375, np.float32))
+    write_channels(tmp_path / "ground_disp.exr", {GREY: np.full((16, 16), 0.375, np.float32)})
     assert (load_texture_folder(tmp_path, 1.0).height == 0.375).all()
     (tmp_path / "ground_disp.exr").write_bytes(b"not an image")
     with pytest.raises(InvalidInputError, match=r"ground_disp\.exr"):

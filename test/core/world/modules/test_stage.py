@@ -117,7 +117,7 @@ def test_a_file_is_the_stage(tmp_path: Path, suffix: str) -> None:
 def test_relief_from_a_file_is_the_stage_and_says_what_was_filled(tmp_path: Path) -> None:
     heights = np.full((33, 33), 2.0, np.float32)
     heights[10:12, 10:12] = np.nan
-    exr.write_grey(tmp_path / "flat.exr", heights)
+    exr.write_channels(tmp_path / "flat.exr", {exr.GREY: heights})
     world = simulation({"dem": {"file": str(tmp_path / "flat.exr"), "spacing_m": 1.0}})
     world.step_batch()
     notes = world.scene.custom["stage"]

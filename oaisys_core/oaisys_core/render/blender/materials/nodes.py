@@ -127,11 +127,11 @@ class NodeTree:
             return surfaces[0]
         middle = len(bounds) // 2
         is_beyond = self.math("GREATER_THAN", number, bounds[middle])
-        parts = slice(0, middle), slice(middle + 1, None)
-        lower, upper = (
-            self.by_number(number, bounds[part], surfaces[begin:end], frees_stack=frees_stack)
-            for part, begin, end in zip(parts, (0, middle + 1), (middle + 1, None), strict=True)
+        halves = (
+            (bounds[:middle], surfaces[: middle + 1]),
+            (bounds[middle + 1 :], surfaces[middle + 1 :]),
         )
+        lower, upper = (self.by_number(number, *half, frees_stack=frees_stack) for half in halves)
         mixture = self.mixed(is_beyond, lower, upper)
         return self.freed(is_beyond, mixture) if frees_stack else mixture
 
