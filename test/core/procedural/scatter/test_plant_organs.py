@@ -11,7 +11,6 @@ from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.scatter.groups import scatter_group, size_classes_m
 from oaisys_core.procedural.scatter.plants.organ_sizes import CLASS_RATIO, ORGANS, OrganSize
 from oaisys_core.procedural.scatter.plants.organs import SPREAD
-from oaisys_core.procedural.scatter.plants.shrubs import SHRUB_TRIANGLES, TREE_TRIANGLES
 from oaisys_core.procedural.scatter.plants.species import WOODY
 from oaisys_core.procedural.scatter.shapes import PLANTS, WITHOUT_ORGANS, make_shape
 from oaisys_core.scene import HeightField, MeshPrototype
@@ -22,6 +21,8 @@ SIZES_M = (0.8, 1.0, 3.0, 8.0, 15.0)
 
 BLADES = ("grass_tuft", "meadow", "sedge", "reed", "fern")
 """Plants whose organs are strips: left corners, right corners, tip."""
+
+TREE_TRIANGLES, SHRUB_TRIANGLES = 60_000, 30_000
 
 GRAINS = 5
 """Corners of a grain in an ear, of which the reed's and the meadow's blades have more."""

@@ -7,12 +7,14 @@ one by one, and shoots of several centimetres with teeth as long as needles stan
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+from pydantic import ConfigDict
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
 from oaisys_core.procedural.scatter.plants.growth import Stems, departures, spread_shares, unit
-from oaisys_core.procedural.scatter.plants.organ_sizes import OrganSize, inner
+from oaisys_core.procedural.scatter.plants.organ_sizes import STRICT, OrganSize, inner
 from oaisys_core.procedural.scatter.plants.organs import (
     FORK_TRIANGLES,
     SHOOT_TRIANGLES,
@@ -61,6 +63,8 @@ class Foliage:
             some of them pairs of triangles.
         droop: See `add_leaves`.
     """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     cover: float
     colors: tuple[Color, Color]

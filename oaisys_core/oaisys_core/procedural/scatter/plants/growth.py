@@ -6,9 +6,12 @@ All stems of one order are computed together, as arrays. Lengths are relative to
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+from pydantic import ConfigDict
 
+from oaisys_core.procedural.scatter.plants.organ_sizes import STRICT
 from oaisys_core.types import FloatArray
 
 UP = np.array((0.0, 0.0, 1.0))
@@ -34,6 +37,8 @@ class StemRule:
         taper: Radius at the tip as a share of that at the foot.
         jitter: Relative random variation of lengths, angles and places.
     """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     count: int
     span: tuple[float, float] = (0.2, 0.95)

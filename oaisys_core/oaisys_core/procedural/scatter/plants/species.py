@@ -8,20 +8,15 @@ from __future__ import annotations
 
 from functools import partial
 
-from oaisys_core.procedural.scatter.plants import herbs, shrubs
-from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fitted
+from pydantic import TypeAdapter
 
-WOODY = {
-    "heather": shrubs.HEATHER,
-    "juniper": shrubs.JUNIPER,
-    "willow": shrubs.WILLOW,
-    "hawthorn": shrubs.HAWTHORN,
-    "birch": shrubs.BIRCH,
-    "oak": shrubs.OAK,
-    "pine": shrubs.PINE,
-    "dwarf_pine": shrubs.DWARF_PINE,
-    "spruce": shrubs.SPRUCE,
-}
+from oaisys_core.procedural.scatter.plants import herbs
+from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fitted
+from oaisys_core.procedural.scatter.plants.organ_sizes import TABLE
+from oaisys_core.procedural.scatter.plants.shrubs import WoodyPlant
+
+WOODY = TypeAdapter(dict[str, WoodyPlant]).validate_python(TABLE["woody"])
+"""Shrubs and trees, as ``plants.yaml`` describes them."""
 
 SPECIES: dict[str, PlantGenerator] = {
     **{
