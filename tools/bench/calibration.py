@@ -9,7 +9,6 @@ import selectors
 import subprocess
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import OaisysError
@@ -57,12 +56,7 @@ class Calibration:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the process."""
         self._end()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from functools import partial
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import typer
@@ -51,12 +50,7 @@ class RenderProgress:
         self._printer.start()
         return self
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop the display."""
         self._ended.set()
         self._printer.join()

@@ -11,7 +11,6 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
@@ -60,12 +59,7 @@ class ManagedProcess:
         """Return the running process."""
         return self
 
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End it; a second signal does not interrupt that."""
         with deferred_interruption():
             self.end()
