@@ -8,17 +8,17 @@ HERE = Path(__file__).absolute().parent
 
 
 def shared(folder: str) -> list[tuple[str, list[str]]]:
-    """Return ``../folder`` as data files below the package's share folder.
+    """Return the files in a folder as data files below the package's share folder.
 
-    Sources are relative to the package, as setuptools demands.
+    The folder is a link to the repository's; sdists hold the files. Sources are relative to the
+    package, as setuptools demands.
     """
-    root = HERE.parent / folder
     files_by_target: dict[str, list[str]] = {}
-    for file in sorted(file for file in root.rglob("*") if file.is_file()):
+    for file in sorted(file for file in (HERE / folder).rglob("*") if file.is_file()):
         if "__pycache__" in file.parts:
             continue
-        target = Path("share/oaisys_ros_bridge", folder, file.parent.relative_to(root))
-        source = Path("..", folder, file.relative_to(root))
+        source = file.relative_to(HERE)
+        target = Path("share/oaisys_ros_bridge", source.parent)
         files_by_target.setdefault(str(target), []).append(str(source))
     return sorted(files_by_target.items())
 

@@ -129,3 +129,9 @@ def test_an_sdist_holds_the_version_itself(tmp_path: Path) -> None:
     with tarfile.open(tmp_path / f"{package.name}-7.8.9.tar.gz") as archive:
         member = archive.getmember(f"{package.name}-7.8.9/{package.name}/VERSION")
         assert member.isfile()
+
+
+@pytest.mark.parametrize("folder", ["launch", "config"])
+def test_the_bridge_has_the_repositorys_launch_files_and_configurations(folder: str) -> None:
+    """As links, because an sdist holds nothing that is outside of its package."""
+    assert (REPOSITORY / "oaisys_ros_bridge" / folder).resolve() == REPOSITORY / folder
