@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import hypothesis
 import psutil
@@ -14,6 +14,7 @@ from leak_check import MARK, LeakCheck
 
 # Before any test imports Open3D: Blender may then be imported after it.
 import oaisys_core  # noqa: F401
+from oaisys_core.system import fallbacks
 
 # A shell's background job ignores SIGINT, and so would the programs that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -50,6 +51,14 @@ def ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     with claimed_domain() as domain_id:
         monkeypatch.setenv(DOMAIN_VARIABLE, str(domain_id))
         yield domain_id
+
+
+@pytest.fixture
+def fallback_lines(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[str]]]:
+    """What is written to the log, from now on, about parts of libraries that cannot be used."""
+    fallbacks.report_fallback.cache_clear()
+    yield lambda: [each.getMessage() for each in caplog.records if each.name == fallbacks.__name__]
+    fallbacks.report_fallback.cache_clear()
 
 
 def claim_domain_first(request: pytest.FixtureRequest) -> None:

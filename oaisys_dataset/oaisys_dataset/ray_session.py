@@ -22,6 +22,8 @@ from oaisys_core.system.leftovers import temporary_folder
 from oaisys_core.system.python_programs import python_environment
 from oaisys_core.system.socket_paths import socket_parent
 from oaisys_dataset import session_guard
+from oaisys_dataset.private.ray_job_config import safe_path_config
+from oaisys_dataset.private.ray_options import start_in
 
 ADDRESS_VARIABLE = "RAY_ADDRESS"
 """Environment variable with the address of a cluster, as Ray itself reads it."""
@@ -183,15 +185,16 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
     for left in reversed(range(STARTS)):
         try:
             with _temporary_files_in(folder):
-                ray.init(
+                start_in(
+                    ray,
+                    folder,
+                    workers * settings.memory_bytes,
                     address=address,
                     num_cpus=workers,
                     include_dashboard=False,
-                    job_config=_job_config(ray),
+                    job_config=safe_path_config(ray),
                     log_to_driver=False,
                     logging_level=logging.ERROR,
-                    _memory=workers * settings.memory_bytes,
-                    _temp_dir=str(folder),
                 )
         except Exception as error:  # Ray raises this very class if its daemons take too long
             logs = "" if left else _kept_logs(folder)
@@ -220,24 +223,6 @@ def _python_environment() -> Iterator[None]:
                 os.environ[name] = before[name]
             else:
                 del os.environ[name]
-
-
-def _job_config(ray: Any) -> Any:
-    """Return how workers run: without this process's folder before their installed packages.
-
-    None, Ray's default, if this Ray lets nobody say so.
-    """
-    base = getattr(getattr(ray, "job_config", None), "JobConfig", None)
-    if base is None:
-        return None
-
-    class SafePathConfig(base):  # type: ignore[misc, valid-type]
-        """Keeps Ray from adding the current folder to the path of its workers."""
-
-        def _runtime_env_has_working_dir(self) -> bool:
-            return True
-
-    return SafePathConfig()
 
 
 @contextmanager
@@ -281,7 +266,7 @@ def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     try:
         ray.init(
             address=address,
-            job_config=_job_config(ray),
+            job_config=safe_path_config(ray),
             log_to_driver=False,
             logging_level=logging.ERROR,
         )

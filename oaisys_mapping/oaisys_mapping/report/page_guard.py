@@ -15,23 +15,19 @@ import logging
 import secrets
 import socket
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 from urllib.parse import urlsplit
 
-from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from oaisys_core.system.periodic_count import PeriodicCount
+from oaisys_mapping.private.viser_server import Answer, Process, requests_asked_about
 
 _LOG = logging.getLogger(__name__)
-
-Answer = Response | None
-Process = Callable[[Any, Request], Answer | Awaitable[Answer]]
-"""What `websockets` asks about each request: a response, or None for a WebSocket."""
 
 
 class PageGuard:
@@ -57,21 +53,10 @@ class PageGuard:
         """Have the server that is started in the block ask this guard about every request.
 
         Raises:
-            RuntimeError: No server was started: the page would be without a guard.
+            OaisysError: The server does not ask: the page would be without a guard.
         """
-        plain, guarded = server.serve, []
-
-        def serve(*arguments: Any, process_request: Process, **options: Any) -> server.serve:
-            guarded.append(True)
-            return plain(*arguments, process_request=self._wrapped(process_request), **options)
-
-        server.serve = serve  # type: ignore[assignment,misc]
-        try:
+        with requests_asked_about(self._wrapped):
             yield
-        finally:
-            server.serve = plain  # type: ignore[misc]
-        if not guarded:
-            raise RuntimeError("viser has started its server in another way: it has no guard")
 
     def fault(self, request: Request) -> str:
         """Return what is wrong with a request; nothing: it may be answered."""

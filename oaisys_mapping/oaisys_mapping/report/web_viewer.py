@@ -16,6 +16,7 @@ import trimesh
 import viser
 from numpy.typing import NDArray
 
+from oaisys_core.errors import OaisysError
 from oaisys_core.files.markdown import escaped_markdown
 from oaisys_core.geometry import depth_to_points, pose_from_matrix
 from oaisys_core.types import FloatArray, ShortRepr
@@ -75,10 +76,12 @@ class WebViewer:
             host: Address to listen on.
             port: Port; 0 or a used one: the next free one.
             max_range_m: Depth beyond which points are left out of clouds.
+
+        Raises:
+            OaisysError: The page would be without its guard.
         """
         self._guard = PageGuard(host)
-        with redirect_stdout(StringIO()), self._guard.installed():
-            self._server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
+        self._server = self._guarded_server(host, port)
         self._max_range_m = max_range_m
         self.labels: Mapping[int, str] = {}
         self._cameras: deque[Any] = deque()
@@ -99,6 +102,18 @@ class WebViewer:
         }
         for box in self._checkboxes.values():
             box.on_update(self._update_visibility)
+
+    def _guarded_server(self, host: str, port: int) -> viser.ViserServer:
+        server = None
+        with redirect_stdout(StringIO()):
+            try:
+                with self._guard.installed():
+                    server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
+            except OaisysError:
+                if server is not None:
+                    server.stop()
+                raise
+        return server
 
     def __enter__(self) -> Self:
         """Return the viewer."""

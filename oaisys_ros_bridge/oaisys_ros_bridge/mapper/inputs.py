@@ -22,6 +22,7 @@ from oaisys_core.types import DEPTH, RGB
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.mapper.fusion import DepthFrame, Fusion
+from oaisys_ros_bridge.private.waiting_messages import take_waiting
 from oaisys_ros_bridge.qos import (
     DEEP_QOS,
     LATCHED_HISTORY_QOS,
@@ -100,7 +101,7 @@ class MapperInputs:
         waiting = self._announcements
         while True:
             with waiting.handle:
-                taken = waiting.handle.take_message(waiting.msg_type, waiting.raw)
+                taken = take_waiting(waiting)
             if taken is None:
                 return
             waiting.callback(taken[0])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from typing import Any
 
 from lifecycle_msgs.msg import State
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -17,11 +16,19 @@ from rclpy.lifecycle.node import TransitionCallbackReturn
 from rclpy.node import Node
 
 from oaisys_core.errors import OaisysError
+from oaisys_ros_bridge.private.lifecycle import current_state, refuse_wrong_transitions
 
 UNCONFIGURED: int = State.PRIMARY_STATE_UNCONFIGURED
 INACTIVE: int = State.PRIMARY_STATE_INACTIVE
 ACTIVE: int = State.PRIMARY_STATE_ACTIVE
 FINALIZED: int = State.PRIMARY_STATE_FINALIZED
+NAMES = {
+    UNCONFIGURED: "unconfigured",
+    INACTIVE: "inactive",
+    ACTIVE: "active",
+    FINALIZED: "finalized",
+}
+"""Names of the primary states."""
 
 
 class ManagedNode(LifecycleNodeMixin, Node):
@@ -44,10 +51,11 @@ class ManagedNode(LifecycleNodeMixin, Node):
         Node.__init__(self, name)
         LifecycleNodeMixin.__init__(self, callback_group=group)
         self._aim = UNCONFIGURED
+        self._known = UNCONFIGURED, NAMES[UNCONFIGURED]
         self.by_itself = False
         self._failure = ""
         self._check = self.create_guard_condition(self._settle, callback_group=group)
-        self._survive_wrong_transitions()
+        refuse_wrong_transitions(self, self._report_wrong_transition, self.settle)
 
     def configure(self) -> None:
         """Prepare to work; raise `OaisysError` if that is impossible now."""
@@ -71,12 +79,12 @@ class ManagedNode(LifecycleNodeMixin, Node):
     @property
     def state(self) -> int:
         """Id of the current primary or transition state."""
-        return int(self._state_machine.current_state[0])
+        return current_state(self, self._known)[0]
 
     @property
     def state_name(self) -> str:
         """The state's name, such as ``inactive``."""
-        return str(self._state_machine.current_state[1])
+        return current_state(self, self._known)[1]
 
     @property
     def aim(self) -> int:
@@ -138,6 +146,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
             return TransitionCallbackReturn.ERROR
         if not self.by_itself:
             self._aim = aim
+        self._known = aim, NAMES[aim]
         return TransitionCallbackReturn.SUCCESS
 
     def _settle(self) -> None:
@@ -160,18 +169,5 @@ class ManagedNode(LifecycleNodeMixin, Node):
             step = self.trigger_deactivate if self.state == ACTIVE else self.trigger_cleanup
         return step
 
-    def _survive_wrong_transitions(self) -> None:
-        """Refuse a transition that the state does not have, where rclpy (7.1) raises."""
-        service: Any = self._service_change_state
-        inner = service.callback
-
-        def on_change_state(request: Any, response: Any) -> Any:
-            try:
-                response = inner(request, response)
-            except RuntimeError as error:
-                self.get_logger().warning(f"no such transition now: {error}")
-                response.success = False
-            self.settle()
-            return response
-
-        service.callback = on_change_state
+    def _report_wrong_transition(self, error: str) -> None:
+        self.get_logger().warning(f"no such transition now: {error}")

@@ -7,7 +7,6 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from functools import partial
 from queue import SimpleQueue
 from typing import Protocol
 
@@ -19,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
+from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
 CALLBACKS_END_S = 3.0
@@ -41,11 +41,7 @@ class WaitingExecutor(MultiThreadedExecutor):
         Callbacks that wait for a thread are dropped: they would find the executor's handles
         destroyed ("cannot use Destroyable").
         """
-        end = partial(self._executor.shutdown, wait=True, cancel_futures=True)
-        waiter = threading.Thread(target=end, name="executor's end", daemon=True)
-        waiter.start()
-        waiter.join(timeout_s)
-        return not waiter.is_alive()
+        return wait_for_threads(self, timeout_s)
 
 
 LOOK_UP_S = 0.2

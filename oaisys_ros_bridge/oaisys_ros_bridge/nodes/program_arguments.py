@@ -8,21 +8,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from rclpy.exceptions import NameValidationException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import remove_ros_args
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.system.standard_streams import open_standard_streams
 from oaisys_ros_bridge.parameters.reference import NODES, DescribedNode
 from oaisys_ros_bridge.parameters.table import ParameterRow
-
-_ROS_FAULTS = (
-    rclpy_implementation.RCLError,
-    rclpy_implementation.UnknownROSArgsError,
-    NameValidationException,
-)
-"""What rclpy raises at arguments that it cannot use."""
+from oaisys_ros_bridge.private.argument_errors import argument_errors
 
 _PLACE_IN_SOURCE = re.compile(r",? at /\S+:\d+")
 
@@ -32,7 +24,7 @@ def checked_ros_arguments(arguments: Sequence[str]) -> Iterator[None]:
     """Raise `InvalidInputError` where ROS cannot use the arguments that the block gives it."""
     try:
         yield
-    except _ROS_FAULTS as error:
+    except argument_errors() as error:
         lines = _PLACE_IN_SOURCE.sub("", str(error)).split("\n")
         reason = "; ".join(line.strip() for line in lines if line.strip())
         expected = f"what ROS can use, such as --ros-args -p NAME:=VALUE ({reason})"

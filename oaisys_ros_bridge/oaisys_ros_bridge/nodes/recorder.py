@@ -35,6 +35,7 @@ from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.private.waiting_messages import take_waiting
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.subscribing.sample_watch import (
     SAMPLE_INFO,
@@ -170,7 +171,7 @@ class RecorderNode(ParameterNode, Node):
             try:
                 with topic.handle:
                     for _ in range(TAKEN_AT_ONCE):
-                        if (taken := topic.handle.take_message(topic.msg_type, topic.raw)) is None:
+                        if (taken := take_waiting(topic)) is None:
                             break
                         topic.callback(*taken)
                         came |= taken[1]["source_timestamp"] <= self._end_asked_ns

@@ -17,6 +17,7 @@ from websockets.http11 import Request
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
+from oaisys_core.errors import OaisysError
 from oaisys_mapping.report.page_guard import PageGuard
 from oaisys_mapping.report.web_viewer import WebViewer
 
@@ -126,7 +127,7 @@ def test_refusals_are_counted_and_told_once_a_minute(caplog: pytest.LogCaptureFi
 
 
 def test_a_server_without_a_guard_is_not_begun() -> None:
-    with pytest.raises(RuntimeError, match="no guard"), PageGuard("127.0.0.1").installed():
+    with pytest.raises(OaisysError, match="no guard"), PageGuard("127.0.0.1").installed():
         pass
 
 

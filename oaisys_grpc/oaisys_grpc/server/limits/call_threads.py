@@ -12,7 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any, NamedTuple
 
-from oaisys_grpc.server.limits.grpc_calls import cancel, event_of, peer_of
+from oaisys_grpc.private.rpc_event import cancel, event_of, peer_of
 from oaisys_grpc.server.limits.open_calls import CROWDED_REQUESTS
 
 MAX_QUEUED = 512

@@ -14,8 +14,8 @@ from enum import Enum
 from typing import Any
 
 from oaisys_grpc.memory import IdleMemory
+from oaisys_grpc.private.rpc_event import cancel, event_of_context
 from oaisys_grpc.server.limits.ended_calls import EndedCalls
-from oaisys_grpc.server.limits.grpc_calls import cancel, event_of_context
 
 REQUEST_PATIENCE_S = 10.0
 """For a request to arrive whole."""

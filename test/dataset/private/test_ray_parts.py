@@ -1,0 +1,44 @@
+"""Ray without its private arguments and methods: it starts all the same."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from oaisys_dataset.private import ray_job_config, ray_options
+from oaisys_dataset.ray_session import RaySettings, ray_session
+
+
+def test_without_private_arguments_the_folder_is_told_by_a_variable(
+    monkeypatch: pytest.MonkeyPatch, fallback_lines: Callable[[], list[str]]
+) -> None:
+    monkeypatch.setattr(ray_options, "FOLDER", "_gone")
+    monkeypatch.setattr(ray_options, "MEMORY", "_gone_too")
+    parent = Path(tempfile.mkdtemp(prefix="t", dir="/tmp"))
+    monkeypatch.setattr(tempfile, "tempdir", str(parent))
+    try:
+        with ray_session(RaySettings(workers=1, memory_gb=0.1)) as session:
+            assert session.folder is not None
+            assert list(session.folder.rglob("session_2*/sockets/plasma_store"))
+        assert not session.folder.exists()
+    finally:
+        parent.rmdir()
+    (line,) = fallback_lines()
+    assert "Ray's folder and memory cannot be used (Unknown keyword argument" in line
+    assert "RAY_TMPDIR" not in os.environ
+
+
+def test_without_the_private_method_a_job_has_rays_own_configuration(
+    monkeypatch: pytest.MonkeyPatch, fallback_lines: Callable[[], list[str]]
+) -> None:
+    ray = pytest.importorskip("ray", exc_type=ModuleNotFoundError)
+    assert isinstance(ray_job_config.safe_path_config(ray), ray.job_config.JobConfig)
+    assert fallback_lines() == []
+    monkeypatch.setattr(ray_job_config, "ASKED", "_gone")
+    assert [ray_job_config.safe_path_config(ray) for _ in range(2)] == [None, None]
+    (line,) = fallback_lines()
+    assert "Ray's path of Python cannot be used (JobConfig has no _gone)" in line
