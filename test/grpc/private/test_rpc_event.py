@@ -37,7 +37,7 @@ def address(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     }
     calls = open_calls.OpenCalls()
     threads = CallThreads(8, lambda _: None)
-    server = grpc.server(threads, interceptors=[GuardedCalls(calls)])
+    server = grpc.server(threads, interceptors=[GuardedCalls(calls)])  # type: ignore[arg-type]
     server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler("test", handlers),))
     port = server.add_insecure_port("127.0.0.1:0")
     server.start()

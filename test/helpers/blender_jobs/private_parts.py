@@ -58,8 +58,8 @@ class Outcome(NamedTuple):
 
 def outcomes() -> dict[str, Outcome]:
     """Outcomes with all parts, and without each of them, by the part's module."""
-    gone = {"rtcGone": (None, []), "oidnGone": (None, [])}
-    missing = {
+    gone: dict[str, Any] = {"rtcGone": (None, []), "oidnGone": (None, [])}
+    missing: dict[str, tuple[Any, ...]] = {
         "all": (),
         "embree": (mock.patch.dict(embree._SIGNATURES, gone),),
         "open_image_denoise": (mock.patch.dict(open_image_denoise._SIGNATURES, gone),),
@@ -74,10 +74,10 @@ def outcomes() -> dict[str, Outcome]:
     with _without(mock.patch.object(cycles_session, "CANCEL_SYMBOL", b"gone")) as warnings:
         told = _cancelled()
         found["cycles_session"] = Outcome(_images(), warnings, told)
-    patches = [mock.patch.object(cycles_log, name, gone) for name, gone in LOGS.items()]
-    with _without(*patches) as warnings:
-        told = {"object": _error_of_object(), "ground": errors._black(RGB, True, 0.7)}
-        found["cycles_log"] = Outcome(_images(), warnings, told)
+    of_log = [mock.patch.object(cycles_log, name, value) for name, value in LOGS.items()]
+    with _without(*of_log) as warnings:
+        errors_told = {"object": _error_of_object(), "ground": errors._black(RGB, True, 0.7)}
+        found["cycles_log"] = Outcome(_images(), warnings, errors_told)
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import rclpy
@@ -87,12 +88,13 @@ def test_without_rclpys_state_machine_a_node_knows_its_state(
 def test_messages_that_cannot_be_taken_are_left_to_the_executor(
     monkeypatch: pytest.MonkeyPatch, fallback_lines: Lines
 ) -> None:
-    node, heard = Node("listening"), []
+    node = Node("listening")
+    heard: list[String] = []
     subscription = node.create_subscription(String, "chatter", heard.append, 10)
     publisher = node.create_publisher(String, "chatter", 10)
     wait_until(lambda: publisher.get_subscription_count() > 0)
 
-    def taken() -> object:
+    def taken() -> Any:
         with subscription.handle:
             return waiting_messages.take_waiting(subscription)
 
