@@ -12,6 +12,7 @@ from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.types import POINTS, FrameName
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import CHUNK_BYTES, CODECS, MAX_FRAME_BYTES
+from oaisys_grpc.contract.conversion import Conversion, RecordConversion
 from oaisys_grpc.contract.sample_messages import FrameMessage, SampleMessages
 from oaisys_grpc.contract.shared_memory import MemoryLocation, Probe, location_of
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -57,30 +58,23 @@ DEFAULT_TRANSFER = Transfer()
 """For a client that says nothing."""
 
 
-def transfer_to_proto(transfer: Transfer) -> pb.TransferOptions:
-    """Return the message of a client's options; inverse: `transfer_from_proto`."""
-    return pb.TransferOptions(
-        accepted_encodings=[pb.Encoding.ValueType(value) for value in transfer.encodings],
-        max_inline_bytes=transfer.inline_bytes,
-        max_chunk_bytes=transfer.chunk_bytes,
-        max_frame_bytes=transfer.frame_bytes,
-        shared_memory_token=transfer.token,
-        group_parts=transfer.grouped,
-        max_group_bytes=transfer.group_bytes,
-    )
-
-
-def transfer_from_proto(message: pb.TransferOptions) -> Transfer:
-    """Return a client's options; 0 stands for the default."""
-    return Transfer(
-        encodings=tuple(message.accepted_encodings),
-        inline_bytes=message.max_inline_bytes,
-        chunk_bytes=message.max_chunk_bytes or CHUNK_BYTES,
-        frame_bytes=message.max_frame_bytes or MAX_FRAME_BYTES,
-        grouped=message.group_parts,
-        group_bytes=message.max_group_bytes,
-        token=message.shared_memory_token,
-    )
+_TRANSFER = RecordConversion(
+    Transfer,
+    pb.TransferOptions,
+    renamed={
+        "encodings": "accepted_encodings",
+        "inline_bytes": "max_inline_bytes",
+        "chunk_bytes": "max_chunk_bytes",
+        "frame_bytes": "max_frame_bytes",
+        "grouped": "group_parts",
+        "group_bytes": "max_group_bytes",
+        "token": "shared_memory_token",
+    },
+    # 0 stands for the default.
+    chunk_bytes=Conversion(int, lambda size: size or CHUNK_BYTES),
+    frame_bytes=Conversion(int, lambda size: size or MAX_FRAME_BYTES),
+)
+transfer_to_proto, transfer_from_proto = _TRANSFER.to_proto, _TRANSFER.from_proto
 
 
 def granted(transfer: Transfer, probe: Probe | None) -> Transfer:
