@@ -17,7 +17,7 @@ CODE = (
     "procedural/terrain/noise.py",
     "color.py",
     "randomness.py",
-    "system/native_libraries.py",
+    "private/open3d_import.py",
 )
 """Files and folders of the package with all code that runs while a set is made."""
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import oaisys_core
 from oaisys_core.procedural.textures import TEXTURES
-from oaisys_core.procedural.textures.code_version import PACKAGE, code_files
+from oaisys_core.procedural.textures.code_version import CODE, PACKAGE, code_files
 from oaisys_core.procedural.textures.library import RECIPES, make_texture_set
 from oaisys_core.scene import PbrMaps
 
@@ -177,3 +177,4 @@ def test_the_key_of_the_cache_has_all_code_that_makes_a_set() -> None:
     ours = {path for path in ran if path.is_relative_to(PACKAGE)}
     assert len(ours) > 10
     assert ours <= set(code_files())
+    assert [name for name in CODE if not (PACKAGE / name).exists()] == []
