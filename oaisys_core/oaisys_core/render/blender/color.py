@@ -112,7 +112,7 @@ class ColorRenderer:
         self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
         with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
-            light = self._cycles.render_radiance(settings, plan.sampling_s, with_albedo=with_albedo)
+            light = self._cycles.render_radiance(settings, plan.sampling_s)
         self._check(light, camera, places)
         denoising = denoising_quality_for(settings.samples)
         if settings.time_budget_s is not None:

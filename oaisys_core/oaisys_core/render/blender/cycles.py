@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -60,8 +59,9 @@ class Cycles:
         layer.use_pass_z = True
         # For the denoiser, and to tell ground whose shader failed.
         layer.cycles.denoising_store_passes = True
-        # Denoising tells by them what samples see by chance.
-        layer.use_pass_material_index = layer.use_pass_glossy_color = True
+        # Denoising takes them where samples are reflected by chance.
+        layer.use_pass_material_index = layer.use_pass_normal = True
+        layer.use_pass_diffuse_color = layer.use_pass_glossy_color = True
         # They are those of the first surface, however clear it is.
         layer.pass_alpha_threshold = 0.0
         render.threads_mode = "AUTO"
@@ -99,22 +99,18 @@ class Cycles:
         bpy.context.scene.cycles.use_light_tree = bool(kinds)
         self.free_persistent_data()
 
-    def render_radiance(
-        self, settings: RenderSettings, seconds: float = 0.0, *, with_albedo: bool = False
-    ) -> RenderResult:
-        """Render the radiance that the scene's camera sees.
+    def render_radiance(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
+        """Render the radiance that the scene's camera sees, and what `albedo_of` needs.
 
         Args:
             settings: Quality, exposure and seed.
             seconds: Time limit of sampling, after at least one sample per pixel; 0: none.
-            with_albedo: Whether the result has what `albedo_of` needs, too.
 
         Raises:
             RenderError: Blender failed.
         """
         self._show_as(settings)
-        with _diffuse_color_pass() if with_albedo else nullcontext():
-            return self._render(settings, seconds, denoise=settings.denoise)
+        return self._render(settings, seconds, denoise=settings.denoise)
 
     def denoise_and_tonemap(
         self,
@@ -154,8 +150,7 @@ class Cycles:
         Raises:
             RenderError: See `render_radiance`.
         """
-        with _diffuse_color_pass():
-            return self._render(settings, seconds, denoise=False)
+        return self._render(settings, seconds, denoise=False)
 
     def _show_as(self, settings: RenderSettings) -> None:
         """Set Blender's view transform, so that a saved scene looks like the images."""
@@ -206,14 +201,3 @@ class Cycles:
 def albedo_of(rendered: RenderResult) -> NDArray[np.uint8]:
     """Return the (H, W, 3) sRGB-encoded albedo of a render that kept it."""
     return encoded(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))
-
-
-@contextmanager
-def _diffuse_color_pass() -> Iterator[None]:
-    """Have renders keep the colour of diffuse surfaces."""
-    layer = bpy.context.view_layer
-    layer.use_pass_diffuse_color = True
-    try:
-        yield
-    finally:
-        layer.use_pass_diffuse_color = False

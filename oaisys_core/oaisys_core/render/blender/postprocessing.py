@@ -2,9 +2,9 @@
 
 What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
 multiplied by it afterwards, so that denoising does not blur textures. On the ground, it is
-multiplied by the albedo of `GroundAlbedo`, which has no noise. Where samples are reflected or let
-through by chance, as by water, so are the surfaces whose albedo and normals they have seen: there,
-these are denoised first.
+multiplied by the albedo of `GroundAlbedo`, which has no noise. Cycles follows samples that water
+and ice reflect to the sky or the rock in the mirror, and its albedo and normals for denoising are
+those of either, by chance. In such views, they are those of the first surface instead.
 
 Where the library that denoises cannot be called, Cycles denoises radiance itself.
 
@@ -30,7 +30,7 @@ from oaisys_core.private.open_image_denoise import (
     OpenImageDenoise,
     blenders_open_image_denoise,
 )
-from oaisys_core.render.blender.compat import GLOSSY_COLOR, MATERIAL_INDEX
+from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATERIAL_INDEX
 from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE
 from oaisys_core.render.blender.time_budget import DenoisingQuality
@@ -73,8 +73,8 @@ CONFIRMED_PX, MAX_DIFFERENCE = 15, 0.03
 much it may differ, as a share."""
 
 MIRROR_SHARE = 0.1
-"""Share of light that a film reflects from which on Cycles may take dark ground for a mirror, whose
-albedo and normals are those of what it reflects: if the film has three quarters of all weight."""
+"""Share of light that a film reflects from which on Cycles may take dark ground for a mirror: where
+the film has three quarters of all weight."""
 
 DEPTH = "Depth"
 """Blender's name of the pass with the depth of the first sample."""
@@ -84,6 +84,9 @@ BACKGROUND_M = 1e9
 
 COMBINED, SEEN_ALBEDO, SEEN_NORMAL = "Combined", "Denoising Albedo", "Denoising Normal"
 """Blender's names of the passes with radiance, and with albedo and normals for the denoiser."""
+
+NORMAL = "Normal"
+"""Blender's name of the pass with the normals of the first surface; they are in ``map``."""
 
 
 @dataclass
@@ -145,7 +148,7 @@ def denoised(
     radiance = radiance[..., :3]
     if denoiser is not None:
         seen = pass_of(rendered, SEEN_ALBEDO)
-        divisor, normal = _guides(rendered, denoiser)
+        divisor, normal = _guides(rendered, denoiser, denoising)
         albedo = divisor
         if ground is not None:
             is_clean = _is_confirmed(ground, seen)[..., None]
@@ -155,24 +158,41 @@ def denoised(
     return filter_denoised(radiance, rendered.samples_per_pixel(settings), settings.clutter)
 
 
-def _guides(rendered: RenderResult, denoiser: Denoiser) -> tuple[Image, Image]:
+def _guides(
+    rendered: RenderResult, denoiser: Denoiser, denoising: DenoisingQuality
+) -> tuple[Image, Image]:
     """Return the (H, W, 3) albedo to divide radiance by, and the denoiser's (H, W, 3) normals."""
-    normal, seen = pass_of(rendered, SEEN_NORMAL), pass_of(rendered, SEEN_ALBEDO)
-    divisor = _divisor(seen, normal)
-    is_water = pass_of(rendered, MATERIAL_INDEX) == BY_CHANCE
     reflected = _convolved(_sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) / 3, 1 / 3)
-    by_chance = is_water | (reflected > MIRROR_SHARE)[..., None]
-    if not by_chance.any():
-        return divisor, normal
+    is_water = pass_of(rendered, MATERIAL_INDEX)[..., 0] == BY_CHANCE
+    if not (is_water.any() or (reflected > MIRROR_SHARE).any()):
+        normal = pass_of(rendered, SEEN_NORMAL)
+        return _divisor(pass_of(rendered, SEEN_ALBEDO), normal), normal
+    normal = pass_of(rendered, NORMAL)
+    is_film = is_water | (reflected > 0)
+    albedo = _albedo_of_films(rendered, is_film)
     # The sky's albedo of 0 would bleed over its border.
-    usual = seen[by_chance[..., 0]].mean(axis=0)
-    surface = np.where(pass_of(rendered, DEPTH) < BACKGROUND_M, seen, usual)
-    divisor = np.where(by_chance, denoiser.denoise_albedo(surface) + MIN_ALBEDO, divisor)
-    normal = np.where(by_chance, denoiser.denoise_normal(normal), normal)
-    if is_water.any():
-        # It is level.
-        normal = np.where(is_water, normal[is_water[..., 0]].mean(axis=0), normal)
+    is_sky = pass_of(rendered, DEPTH) >= BACKGROUND_M
+    surface = np.where(is_sky, albedo[is_film].mean(axis=0), albedo)
+    smooth = denoiser.denoise_albedo(surface) + MIN_ALBEDO
+    divisor = np.where(is_film[..., None], smooth, _divisor(albedo, normal))
+    if denoising != "thorough":
+        normal = denoiser.denoise_normal(normal)
     return divisor, normal
+
+
+def _albedo_of_films(rendered: RenderResult, is_film: NDArray[np.bool_]) -> Image:
+    """Return (H, W, 3) albedo, and beside it what films reflect, compared with diffuse light.
+
+    Sky in a mirror may be as bright as ground under it, or far darker than ground in the sun. The
+    brightness of both, which radiance divided by this albedo has in common, is fitted to all films.
+    """
+    diffuse, glossy = pass_of(rendered, DIFFUSE_COLOR), pass_of(rendered, GLOSSY_COLOR)
+    radiance = pass_of(rendered, COMBINED)[..., :3]
+    parts = np.stack([each[is_film].sum(axis=-1) for each in (diffuse, glossy)], axis=-1)
+    light = radiance[is_film].sum(axis=-1)
+    (of_diffuse, of_glossy), *_ = np.linalg.lstsq(parts.astype(np.float64), light, rcond=None)
+    ratio = np.clip(of_glossy / of_diffuse, 0, 1) if of_diffuse > 0 else 1.0
+    return np.asarray(diffuse + np.float32(ratio) * glossy, np.float32)
 
 
 def _divisor(albedo: Image, normal: Image) -> Image:

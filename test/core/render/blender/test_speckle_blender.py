@@ -61,7 +61,8 @@ def test_the_measure_counts_noise_and_neither_stones_nor_edges() -> None:
     ("kind", "suns", "qualities"),
     [
         ("pools", (SUNNY, DUSK), ("preview", "standard")),
-        pytest.param("ice", (SUNNY,), ("standard",), marks=pytest.mark.long),
+        ("ice", (DUSK,), ("preview",)),
+        pytest.param("ice", (SUNNY, DUSK), ("preview", "standard"), marks=pytest.mark.long),
     ],
 )
 def test_what_reflects_by_chance_is_as_smooth_as_with_many_samples(
