@@ -27,7 +27,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/oaisys_ros_bridge"]),
         ("share/oaisys_ros_bridge", ["package.xml", "README.md", "CHANGELOG.rst"]),
-        *shared("launch"),
-        *shared("config"),
+        *share_files("launch"),
+        *share_files("config"),
     ],
 )

@@ -46,9 +46,9 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture
 def ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A `ROS_DOMAIN_ID` that no other test of this machine uses; set for child processes too."""
-    from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE, claimed_domain
+    from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE, claim_domain
 
-    with claimed_domain() as domain_id:
+    with claim_domain() as domain_id:
         monkeypatch.setenv(DOMAIN_VARIABLE, str(domain_id))
         yield domain_id
 

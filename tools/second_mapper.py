@@ -87,7 +87,7 @@ def _pose(frame: str, stamp: int, edges: Any) -> NDArray[np.float64]:
     return T
 
 
-def tiled_mesh(seen: list[BagView], voxel_size_m: float, max_range_m: float) -> Any:
+def mesh_by_tiles(seen: list[BagView], voxel_size_m: float, max_range_m: float) -> Any:
     """Return the mesh of Open3D's legacy dense volumes, one for each tile with points."""
     pipelines = o3d.pipelines.integration
     # Neighbouring tiles share one layer of samples, so that their meshes meet.
@@ -174,7 +174,7 @@ def main(arguments: list[str] | None = None) -> int:
     seen = list(views(chosen.bag, chosen.camera))
     meshes = {
         "ours": o3d.io.read_triangle_mesh(str(chosen.mesh)),
-        "second": tiled_mesh(seen, chosen.voxel_size, chosen.max_range),
+        "second": mesh_by_tiles(seen, chosen.voxel_size, chosen.max_range),
         "plain": plain_mesh(seen, chosen.voxel_size, chosen.max_range),
     }
     found = {f"{a}_{b}": chamfer_m(meshes[a], meshes[b]) for a, b in combinations(meshes, 2)}

@@ -24,6 +24,6 @@ def srgb(linear_color: NDArray[AnyFloat]) -> NDArray[AnyFloat]:
     return np.where(linear_color <= 0.0031308, 12.92 * linear_color, bright)
 
 
-def encoded(linear_color: NDArray[AnyFloat]) -> NDArray[np.uint8]:
+def encode_srgb(linear_color: NDArray[AnyFloat]) -> NDArray[np.uint8]:
     """Return linear values as sRGB bytes, after clipping to 0 to 1."""
     return np.asarray(np.rint(srgb(np.clip(linear_color, 0.0, 1.0)) * 255), dtype=np.uint8)

@@ -17,7 +17,7 @@ _MAX_BITS = 1024
 """Size of a whole number up to which its digits are computed, which takes time with its square."""
 
 
-def quoted(value: object) -> str:
+def quote(value: object) -> str:
     """Return the first 80 characters of a value's ``repr``; of a long path, begin and end.
 
     It takes no longer for a huge or nested value, and never fails.
@@ -112,7 +112,7 @@ class InvalidInputError(OaisysError):
     """
 
     def __init__(self, field: str, received: object, expected: str) -> None:
-        super().__init__(f"{field}: received {quoted(received)}, expected {expected}")
+        super().__init__(f"{field}: received {quote(received)}, expected {expected}")
         self.field = field
         self.received = received
         self.expected = expected

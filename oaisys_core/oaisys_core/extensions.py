@@ -23,7 +23,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from oaisys_core.errors import ConfigError, one_of, quoted
+from oaisys_core.errors import ConfigError, one_of, quote
 
 MODULES = "oaisys.modules"
 STAGES = "oaisys.stages"
@@ -56,18 +56,18 @@ def load(group: str, name: str) -> Any:
     found = list({entry.value: entry for entry in entry_points(group=group, name=name)}.values())
     if not found:
         known = one_of(names(group), name)
-        raise ConfigError(f"{group}: received {quoted(name)}, expected an installed one: {known}")
+        raise ConfigError(f"{group}: received {quote(name)}, expected an installed one: {known}")
     if len(found) > 1:
         candidates = " and ".join(_described(entry) for entry in found)
-        raise ConfigError(f"{group}: {quoted(name)} is ambiguous: {candidates}")
+        raise ConfigError(f"{group}: {quote(name)} is ambiguous: {candidates}")
     try:
         return found[0].load()
     # A broken package may raise anything when it is imported.
     except Exception as error:
-        text = f"{group}: {_described(found[0])} cannot be imported: {quoted(error)}"
+        text = f"{group}: {_described(found[0])} cannot be imported: {quote(error)}"
         raise ConfigError(text) from error
 
 
 def _described(entry: EntryPoint) -> str:
     package = entry.dist.name if entry.dist is not None else "an unknown package"
-    return f"{quoted(entry.name)} of {package} ({entry.value})"
+    return f"{quote(entry.name)} of {package} ({entry.value})"

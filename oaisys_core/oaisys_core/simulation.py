@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.output.records import recorded_motion
+from oaisys_core.output.records import motion_to_record
 from oaisys_core.render.built_world import BuiltWorld
 from oaisys_core.render.view_renderer import (
     SampleSteps,
@@ -188,14 +188,14 @@ class Simulation(BuiltWorld):
         state = state_of(outline)
         self.restore(state, progress)
         batch = self._current()
-        due = self._sensors.named(batch.world, batch.last_rig_poses, outline.frames)
+        due = self._sensors.sensors_of_frames(batch.world, batch.last_rig_poses, outline.frames)
         settings = require(batch.world.render)
         if settings.time_budget_s is not None and how.render_samples:
             # How many samples there was time for is known now.
             counted = how.render_samples
             settings = replace(settings, time_budget_s=None, samples=counted, max_samples=counted)
         batch.sample_id = outline.sample_id - 1
-        motion, started_s = recorded_motion(how), time.perf_counter()
+        motion, started_s = motion_to_record(how), time.perf_counter()
         return complete(self._sample(batch, due, settings, motion, progress, started_s))
 
     def withdraw_sample(self) -> None:

@@ -31,7 +31,7 @@ from oaisys_dataset.workers import (
     WorldPart,
     WrittenPart,
     render_world,
-    written,
+    write_world,
 )
 
 MEMORY_SCHEME = "memory://"
@@ -171,7 +171,7 @@ class _WorldQueue:
         parts = self._received(stream, task)
         if self._url is None:
             yield next(parts)  # it has begun, or failed before
-            parts = written(self._place, task, parts)
+            parts = write_world(self._place, task, parts)
         yield from parts
 
     def _received(self, stream: Any, task: WorldTask) -> Generator[Any, None, None]:

@@ -35,7 +35,7 @@ class WorldManifest(NamedTuple):
     ends: NDArray[np.int64]
 
 
-def indexed_manifests(
+def index_manifests(
     place: StoragePlace,
     worlds: Iterable[int],
     name_of: Callable[[int], str],

@@ -18,7 +18,7 @@ MAX_WORLDS = 1_000_000
 MAX_SPLIT_LETTERS = 64
 
 SPLITS = "train=0.8,val=0.1,test=0.1"
-"""The splits by default, as `parsed_splits` reads them."""
+"""The splits by default, as `parse_splits` reads them."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class WorldTask:
     views: int
 
 
-def parsed_splits(text: str) -> dict[str, float]:
+def parse_splits(text: str) -> dict[str, float]:
     """Return the share of each split, by name, from a text such as `SPLITS`.
 
     Raises:

@@ -132,7 +132,7 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
         yield RaySession(ray, settings.workers or _slots(ray, settings), folder)
 
 
-def embedded_workers(settings: RaySettings) -> int:
+def worker_count(settings: RaySettings) -> int:
     """Return how many workers an embedded Ray has: what was asked for, or one for each core.
 
     There are fewer where their memory would not suffice.
@@ -165,7 +165,7 @@ def available_bytes() -> int:
 @contextmanager
 def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
     """Run a Ray of this process alone, and yield its folder."""
-    workers = embedded_workers(settings)
+    workers = worker_count(settings)
     # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     with _python_environment(), _guarded_folder() as folder:

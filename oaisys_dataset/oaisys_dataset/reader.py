@@ -23,22 +23,22 @@ from oaisys_dataset.manifest import (
 from oaisys_dataset.manifest_lines import (
     ManifestLines,
     WorldManifest,
-    indexed_manifests,
+    index_manifests,
 )
 from oaisys_dataset.places import StoragePlace, open_place
 from oaisys_dataset.scans import ScanRecord, read_scan
 from oaisys_dataset.shards import (
     LEGEND,
     SHARDS,
-    failed_worlds,
-    finished_worlds,
     manifest_name,
-    padded,
     read_failure,
     read_head,
     read_pixels,
     scans_name,
     tar_name,
+    tar_size,
+    whole_worlds,
+    world_failures,
 )
 
 __all__ = ["Dataset", "DatasetSample", "ManifestLines", "WorldLegend", "open_dataset"]
@@ -52,8 +52,8 @@ def open_dataset(place: str | Path) -> Dataset:
     """
     opened = open_place(place)
     info = read_head(opened)
-    worlds = finished_worlds(opened)
-    manifests = indexed_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
+    worlds = whole_worlds(opened)
+    manifests = index_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
     return Dataset(opened, info, manifests)
 
 
@@ -116,13 +116,13 @@ class Dataset(Sequence[DatasetSample]):
         if self.info.config.get("sensors", {}).get("lidars"):
             names = set(self.place.names(SHARDS))
             worlds = (world for world in self.worlds if scans_name(world) in names)
-        found = indexed_manifests(self.place, worlds, scans_name, ScanRecord.from_json)
+        found = index_manifests(self.place, worlds, scans_name, ScanRecord.from_json)
         return ManifestLines(self.place, ScanRecord, scans_name, found)
 
     @cached_property
     def failures(self) -> tuple[WorldFailure, ...]:
         """The worlds that could not be made."""
-        return tuple(read_failure(self.place, world) for world in failed_worlds(self.place))
+        return tuple(read_failure(self.place, world) for world in world_failures(self.place))
 
     def split(self, name: str) -> Dataset:
         """Return one split.
@@ -251,7 +251,7 @@ class Dataset(Sequence[DatasetSample]):
         if self.scans.has_world(world):
             points = self.scans.last_of_world(world).points
             ends.append(points.offset + points.size)
-        return padded(max(ends))
+        return tar_size(max(ends))
 
     @overload
     def __getitem__(self, index: int) -> DatasetSample: ...

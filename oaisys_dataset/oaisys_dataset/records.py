@@ -13,7 +13,7 @@ import numpy as np
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json
 from oaisys_core.geometry import is_rigid
-from oaisys_core.output.record_types import Bytes, Name, Sha256, checked_as
+from oaisys_core.output.record_types import Bytes, Name, Sha256, check_as
 from oaisys_core.output.records import pose_from_record, provenance_from_record
 from oaisys_core.types import FloatArray, FrameName, SampleOutline
 
@@ -55,7 +55,7 @@ class Record:
         if not isinstance(data, dict) or set(data) != known:
             received = sorted(data) if isinstance(data, dict) else _shortened(text)
             raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
-        return checked_as(cls, data, name)
+        return check_as(cls, data, name)
 
     def _data(self) -> dict[str, Any]:
         return asdict(self)

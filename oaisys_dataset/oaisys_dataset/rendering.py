@@ -24,7 +24,7 @@ from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.plan import WorldTask, world_tasks
 from oaisys_dataset.ray_session import RaySettings
 from oaisys_dataset.reader import open_dataset
-from oaisys_dataset.shards import HEAD, finished_worlds, read_head
+from oaisys_dataset.shards import HEAD, read_head, whole_worlds
 from oaisys_dataset.workers import ViewCounts
 
 LOCK = ".render.lock"
@@ -108,7 +108,7 @@ class DatasetRendering:
         self._config = config
 
     @contextmanager
-    def begun(self, *, is_resumed: bool) -> Iterator[None]:
+    def begin(self, *, is_resumed: bool) -> Iterator[None]:
         """Own the place during a block, and write the head of the data set.
 
         Raises:
@@ -142,7 +142,7 @@ class DatasetRendering:
 
     def _plan(self) -> None:
         info = self.info
-        finished = set(finished_worlds(self._place))
+        finished = set(whole_worlds(self._place))
         tasks = world_tasks(info.seed, info.worlds, info.views, info.splits)
         self.left = [task for task in tasks if task.index not in finished]
         self.summary.kept = self._count_kept() if finished else 0

@@ -14,13 +14,13 @@ from oaisys_core.types import (
     RecordedSample,
     modality_spec,
 )
-from oaisys_core.verification.recorded_samples import Comparison, compared, compared_scan
+from oaisys_core.verification.recorded_samples import Comparison, compare, compare_scan
 from oaisys_dataset.manifest import FrameRecord
 from oaisys_dataset.reader import Dataset, DatasetSample
 from oaisys_dataset.scans import ScanRecord
 
 
-def repeated(
+def repeat_records(
     dataset: Dataset, ids: Sequence[str], least_psnr_db: float
 ) -> Iterator[tuple[str, list[Comparison]]]:
     """Render frames and lidar scans again; yield each one's id and the comparisons of its data.
@@ -41,10 +41,10 @@ def repeated(
         for each, record in zip(ids, records, strict=True):
             again = simulation.repeat(record.outline())
             if isinstance(record, ScanRecord):
-                yield each, [compared_scan(dataset.scan(record), again.scan(record.sensor))]
+                yield each, [compare_scan(dataset.scan(record), again.scan(record.sensor))]
             else:
-                recorded = recorded_sample(dataset.sample(record))
-                yield each, compared(recorded, again, least_psnr_db)
+                recorded = sample_from_record(dataset.sample(record))
+                yield each, compare(recorded, again, least_psnr_db)
     finally:
         simulation.close()
 
@@ -58,7 +58,7 @@ def _record(dataset: Dataset, each: str) -> FrameRecord | ScanRecord:
         raise InvalidInputError("frame", each, expected) from error
 
 
-def recorded_sample(sample: DatasetSample) -> RecordedSample:
+def sample_from_record(sample: DatasetSample) -> RecordedSample:
     """Return a frame of a data set as a recorded sample of one sensor."""
     record = sample.record
     frames = tuple(

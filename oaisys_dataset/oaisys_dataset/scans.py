@@ -90,7 +90,7 @@ class EncodedScan(NamedTuple):
     file: bytes
 
 
-def encoded_points(scan_id: str, scan: LidarScan) -> tuple[PointsRecord, bytes]:
+def encode_scan_points(scan_id: str, scan: LidarScan) -> tuple[PointsRecord, bytes]:
     """Return the record and the file of a scan's points."""
     file = encode_points(scan)
     record = PointsRecord(

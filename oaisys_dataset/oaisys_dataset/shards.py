@@ -26,7 +26,7 @@ from oaisys_core.types import (
     INSTANCE,
     SEMANTIC_0,
     ModalitySpec,
-    expected_modality,
+    modality_expectation,
     modality_spec,
 )
 from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, WorldFailure, WorldLegend
@@ -75,12 +75,12 @@ def failure_name(world: int) -> str:
     return f"{FAILED}/{world_name(world)}.json"
 
 
-def finished_worlds(place: StoragePlace) -> list[int]:
+def whole_worlds(place: StoragePlace) -> list[int]:
     """Return the worlds whose shard is whole, in order."""
     return _worlds(name for name in place.names(SHARDS) if name.endswith(".jsonl"))
 
 
-def failed_worlds(place: StoragePlace) -> list[int]:
+def world_failures(place: StoragePlace) -> list[int]:
     """Return the worlds that could not be made, in order."""
     return _worlds(iter(place.names(FAILED)))
 
@@ -108,7 +108,7 @@ class EncodedFrame(NamedTuple):
     files: Mapping[str, bytes]
 
 
-def encoded_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> EncodedFrame:
+def encode_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> EncodedFrame:
     """Return a frame with its images encoded.
 
     Args:
@@ -128,10 +128,10 @@ def encoded_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> En
 
 
 def _encoded(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord, bytes]:
-    pixels = stored_pixels(modality, data)
+    pixels = pixels_to_store(modality, data)
     # Readers of images get core's types, whatever type stores the ids in memory.
     typed = pixels.view(modality_spec(modality).dtype)
-    kind, file = encoded_image(typed)
+    kind, file = encode_pixels(typed)
     record = ImageRecord(
         file=f"{frame}.{modality}{kind}",
         offset=0,
@@ -163,12 +163,14 @@ class ShardWriter:
         Returns:
             The record with ``images``.
         """
-        return self.add_encoded(encoded_frame(record, arrays))
+        return self.add_encoded(encode_frame(record, arrays))
 
     def add_encoded(self, frame: EncodedFrame) -> FrameRecord:
         """Write a frame, and return its record with the places of its images."""
         images = {
-            modality: replace(image, offset=appended(self._tar, image.file, frame.files[modality]))
+            modality: replace(
+                image, offset=append_file(self._tar, image.file, frame.files[modality])
+            )
             for modality, image in frame.record.images.items()
         }
         whole = replace(frame.record, images=images)
@@ -178,14 +180,14 @@ class ShardWriter:
     def add_scan(self, scan: EncodedScan) -> ScanRecord:
         """Write a lidar scan, and return its record with the place of its points."""
         points = scan.record.points
-        offset = appended(self._tar, points.file, scan.file)
+        offset = append_file(self._tar, points.file, scan.file)
         whole = replace(scan.record, points=replace(points, offset=offset))
         self._scan_lines.append(whole.to_json())
         return whole
 
     def finish(self, legend: WorldLegend) -> None:
         """Write the legend, after the last frame."""
-        appended(self._tar, LEGEND, legend.to_json().encode())
+        append_file(self._tar, LEGEND, legend.to_json().encode())
         self._legend = legend
 
     def manifest(self) -> bytes:
@@ -224,7 +226,7 @@ def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
     place.write(manifest_name(world), manifest)
 
 
-def encoded_image(pixels: NDArray[Any]) -> tuple[str, bytes]:
+def encode_pixels(pixels: NDArray[Any]) -> tuple[str, bytes]:
     """Return the suffix and the bytes of the file that a shard has for pixels.
 
     Inverse: `oaisys_core.output.images.decode_image`.
@@ -234,7 +236,7 @@ def encoded_image(pixels: NDArray[Any]) -> tuple[str, bytes]:
     return file_kind(pixels), encode_image(pixels)
 
 
-def stored_pixels(modality: str, data: NDArray[Any]) -> NDArray[Any]:
+def pixels_to_store(modality: str, data: NDArray[Any]) -> NDArray[Any]:
     """Return pixels in the type that samples of a data set have; instance ids are int32.
 
     Raises:
@@ -259,14 +261,14 @@ def read_pixels(file: bytes, modality: str, name: str) -> NDArray[Any]:
         InvalidInputError: It cannot be decoded.
     """
     _spec(modality)
-    return stored_pixels(modality, decode_image(file, modality, name))
+    return pixels_to_store(modality, decode_image(file, modality, name))
 
 
 def _spec(modality: str) -> ModalitySpec:
     try:
         return modality_spec(modality)
     except KeyError:
-        expected = expected_modality(modality)
+        expected = modality_expectation(modality)
         raise InvalidInputError("modality", modality, expected) from None
 
 
@@ -276,18 +278,18 @@ def pixels_sha256(pixels: NDArray[Any]) -> str:
     return hashlib.sha256(np.ascontiguousarray(little).data).hexdigest()
 
 
-def padded(size: int) -> int:
+def tar_size(size: int) -> int:
     """Return the bytes that a file of some size takes in a tar file."""
     return -(-size // tarfile.BLOCKSIZE) * tarfile.BLOCKSIZE
 
 
-def appended(tar: tarfile.TarFile, name: str, data: bytes) -> int:
+def append_file(tar: tarfile.TarFile, name: str, data: bytes) -> int:
     """Append a file to a tar file, and return where its bytes begin."""
     # TarInfo's defaults: no time, no owner, mode 0644.
     member = tarfile.TarInfo(name)
     member.size = len(data)
     tar.addfile(member, io.BytesIO(data))
-    return tar.offset - padded(len(data))
+    return tar.offset - tar_size(len(data))
 
 
 def _text(lines: Iterable[str]) -> bytes:

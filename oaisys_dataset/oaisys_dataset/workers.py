@@ -66,10 +66,10 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
         yield SetupFailure(str(error))
         return
     parts = renderer.render(task)
-    yield from parts if url is None else written(open_place(url), task, parts)
+    yield from parts if url is None else write_world(open_place(url), task, parts)
 
 
-def written(
+def write_world(
     place: StoragePlace,
     task: WorldTask,
     parts: Iterable[EncodedView | WorldLegend | WorldFailure],

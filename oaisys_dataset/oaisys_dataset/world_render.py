@@ -20,8 +20,8 @@ from oaisys_core.types import FloatArray, Frame, LidarScan, ObjectQuery, Sample
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure, WorldLegend
 from oaisys_dataset.plan import WorldTask
 from oaisys_dataset.records import frame_id
-from oaisys_dataset.scans import EncodedScan, ScanRecord, encoded_points
-from oaisys_dataset.shards import EncodedFrame, encoded_frame
+from oaisys_dataset.scans import EncodedScan, ScanRecord, encode_scan_points
+from oaisys_dataset.shards import EncodedFrame, encode_frame
 
 S_PER_VIEW = 1.0
 """Simulated time from one view to the next, unless the sun has its own."""
@@ -172,12 +172,12 @@ def _encoded_frame(
         sun_azimuth_deg=sun_deg[1],
         **shared,
     )
-    return encoded_frame(record, {frame.modality: frame.data for frame in frames})
+    return encode_frame(record, {frame.modality: frame.data for frame in frames})
 
 
 def _encoded_scan(scan: LidarScan, shared: Mapping[str, Any]) -> EncodedScan:
     scan_id = frame_id(shared["world"], shared["view"], scan.sensor)
-    points, file = encoded_points(scan_id, scan)
+    points, file = encode_scan_points(scan_id, scan)
     record = ScanRecord(
         scan_id=scan_id,
         sensor=scan.sensor,

@@ -96,7 +96,7 @@ def distance_field(
     # The margin includes voxels on the box's faces in spite of rounding.
     low = np.ceil(np.asarray(low_m, np.float64) / size_m - 1e-6).astype(np.int64)
     high = np.floor(np.asarray(high_m, np.float64) / size_m + 1e-6).astype(np.int64) + 1
-    observed = volume.observed(low, high)
+    observed = volume.observations(low, high)
     distance_m = _signed(observed, size_m)
     if unknown_is_occupied and not observed.is_known.all():
         away_m = distance_transform_edt(observed.is_known, sampling=size_m)

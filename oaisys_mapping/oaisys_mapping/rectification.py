@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import pixel_rays, project, undistorted
+from oaisys_core.geometry import pixel_rays, project, undistort
 from oaisys_core.types import PLUMB_BOB, FloatArray, PinholeIntrinsics
 
 SAME_SURFACE = 0.05
@@ -20,7 +20,7 @@ BORDER_POINTS = 256
 """Points on each edge of an image that determine its field of view."""
 
 
-def rectified_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
+def rectify_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
     """Return the pinhole camera of the same size whose field of view lies within ``camera``'s.
 
     Its image is the largest upright rectangle between the curved edges.
@@ -45,10 +45,10 @@ def rectified_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
     )
 
 
-def rectified(
+def rectify(
     depth_m: NDArray[np.float32], rgb: NDArray[np.uint8] | None, camera: PinholeIntrinsics
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-    """Return the images of `rectified_camera`: (H, W) depth and (H, W, 3) colour.
+    """Return the images of `rectify_camera`: (H, W) depth and (H, W, 3) colour.
 
     Inverse depth, which is linear on a plane, is interpolated within one surface; where neighbours
     differ by more than `SAME_SURFACE` or are not finite, the nearest pixel is used.
@@ -80,8 +80,8 @@ def rectified(
     return rectified_m, np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def rectified_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> NDArray[np.uint16]:
-    """Return the (H, W) labels of `rectified_camera`, each from the nearest pixel.
+def rectify_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> NDArray[np.uint16]:
+    """Return the (H, W) labels of `rectify_camera`, each from the nearest pixel.
 
     Raises:
         InvalidInputError: The image's size does not fit a camera with distortion.
@@ -98,14 +98,14 @@ def rectified_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> N
 
 def _source_positions(camera: PinholeIntrinsics) -> FloatArray:
     """Return (2, H, W) positions (v, u) of the rectified pixels in the original image."""
-    rays = pixel_rays(rectified_camera(camera)).reshape(-1, 3)
+    rays = pixel_rays(rectify_camera(camera)).reshape(-1, 3)
     v_u = project(rays, camera)[:, ::-1].T
     return np.asarray(v_u.reshape(2, camera.height_px, camera.width_px))
 
 
 def _undistorted_pixels(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
     pixels = np.column_stack(((u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px))
-    return undistorted(pixels, camera.distortion)
+    return undistort(pixels, camera.distortion)
 
 
 def _neighbour_extremes(image: FloatArray, v_u: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -32,7 +32,7 @@ from oaisys_mapping.voxels.free_space import DepthPyramid, FreeBlocks
 from oaisys_mapping.voxels.incremental_mesh import IncrementalMesh
 from oaisys_mapping.voxels.integration import POOL, integrate_view
 from oaisys_mapping.voxels.label_cells import LabelCells
-from oaisys_mapping.voxels.padded_images import PaddedImages, check_view, padded_images
+from oaisys_mapping.voxels.padded_images import PaddedImages, check_view, pad_images
 from oaisys_mapping.voxels.volume_file import (
     CELL_BLOCKS,
     VOXEL_BLOCKS,
@@ -45,8 +45,8 @@ from oaisys_mapping.voxels.voxel_queries import (
     ObservedVoxels,
     classes_at,
     distances_at,
-    observed_volume_m3,
-    observed_voxels,
+    volume_observed_m3,
+    voxel_observations,
 )
 
 __all__ = ["TsdfConfig", "TsdfVolume", "VolumeFullError"]
@@ -105,7 +105,7 @@ class TsdfVolume:
         """
         check_view(depth_m, rgb, labels, intrinsics, T_map_camera)
         config, camera_m = self.config, T_map_camera[:3, 3]
-        images = padded_images(depth_m, rgb, labels, intrinsics, T_map_camera, config)
+        images = pad_images(depth_m, rgb, labels, intrinsics, T_map_camera, config)
         rays = DepthPyramid(images, config.voxel_size_m)
         near = self._voxels.near_surface(
             depth_m, intrinsics, T_map_camera, config.max_range_m, config.truncation_voxels
@@ -128,7 +128,7 @@ class TsdfVolume:
         regions on disk.
         """
         self._mesh.update(self._voxels.read)
-        stored = self._voxels.stored_blocks if with_stored else NO_BLOCKS
+        stored = self._voxels.blocks_on_disk if with_stored else NO_BLOCKS
         return self._mesh.mesh(stored, self._voxels.read)
 
     def forget_mesh(self) -> None:
@@ -157,9 +157,9 @@ class TsdfVolume:
         return self._voxels.count_stored
 
     @property
-    def observed_volume_m3(self) -> float:
+    def volume_observed_m3(self) -> float:
         """Volume of all observed voxels and of recorded free blocks."""
-        return observed_volume_m3(self._voxels, self._free.keys)
+        return volume_observed_m3(self._voxels, self._free.keys)
 
     def classes_at(self, points_m: FloatArray) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
         """Return the (N,) classes at (N, 3) points, and their shares of the votes there.
@@ -183,9 +183,9 @@ class TsdfVolume:
         config = self.config
         return distances_at(points_m, config.voxel_size_m, config.truncation_m, self._voxels.read)
 
-    def observed(self, low: BlockCoordinates, high: BlockCoordinates) -> ObservedVoxels:
+    def observations(self, low: BlockCoordinates, high: BlockCoordinates) -> ObservedVoxels:
         """Return the observations of voxels from (3,) ``low`` up to, not including, ``high``."""
-        return observed_voxels(
+        return voxel_observations(
             low, high, self.config.truncation_m, self._free.keys, self._voxels.read
         )
 

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import FloatArray, LidarScan, PinholeIntrinsics, point_dtype
-from oaisys_ros_bridge.conversions import buffer_of, checked_type
+from oaisys_ros_bridge.conversions import buffer_of, check_type
 
 CLOUD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 """A point of a cloud; its colour is 0x00RRGGBB in a field that is declared float32, as in PCL."""
@@ -32,7 +32,7 @@ def cloud_to_msg(
         rgb: (H, W, 3), or None: black.
         header: Stamp and frame.
     """
-    checked_type(points_m, np.ndarray, "cloud.points_m")
+    check_type(points_m, np.ndarray, "cloud.points_m")
     if points_m.ndim != 3 or points_m.shape[2] != 3:
         raise InvalidInputError("cloud.points_m", points_m.shape, "(H, W, 3)")
     if rgb is not None and rgb.shape != points_m.shape:
@@ -145,7 +145,7 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
         TypeError: ``msg`` is not a ``sensor_msgs/PointCloud2``.
         InvalidInputError: The fields are not those of `cloud_to_msg`.
     """
-    checked_type(msg, PointCloud2, "cloud")
+    check_type(msg, PointCloud2, "cloud")
     layout = [(f.name, f.offset, f.datatype, f.count) for f in msg.fields]
     expected = [(n, 4 * i, PointField.FLOAT32, 1) for i, n in enumerate(("x", "y", "z", "rgb"))]
     if layout != expected or msg.is_bigendian or msg.point_step != CLOUD_POINT.itemsize:
@@ -196,7 +196,7 @@ def scan_from_msg(msg: PointCloud2) -> NDArray[Any]:
         TypeError: ``msg`` is not a ``sensor_msgs/PointCloud2``.
         InvalidInputError: The fields are not those of a lidar.
     """
-    checked_type(msg, PointCloud2, "cloud")
+    check_type(msg, PointCloud2, "cloud")
     usual = point_dtype().names or ()
     received = [(f.name, f.offset, f.datatype) for f in msg.fields]
     try:
@@ -252,7 +252,7 @@ def mesh_to_marker(
 
 def mesh_from_marker(msg: Marker) -> tuple[FloatArray, NDArray[np.uint8]]:
     """Return corners (T, 3, 3) float64 and their colours (T, 3, 3) uint8 of a triangle list."""
-    if checked_type(msg, Marker, "marker").type != Marker.TRIANGLE_LIST:
+    if check_type(msg, Marker, "marker").type != Marker.TRIANGLE_LIST:
         raise InvalidInputError("marker.type", msg.type, f"TRIANGLE_LIST ({Marker.TRIANGLE_LIST})")
     corners_m = np.array([(p.x, p.y, p.z) for p in msg.points], dtype=np.float64)
     shares = np.array([(c.r, c.g, c.b) for c in msg.colors], dtype=np.float64)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import checked_pose, is_invertible, pose_from_matrix, pose_to_matrix
+from oaisys_core.geometry import check_pose, is_invertible, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import EQUIDISTANT, PLUMB_BOB, FloatArray, PinholeIntrinsics, Pose
 
 T = TypeVar("T")
@@ -97,7 +97,7 @@ def opencv_encoding(data: NDArray[Any]) -> str:
     raise InvalidInputError("image.data", (data.shape, str(data.dtype)), expected)
 
 
-def checked_type(value: object, expected: type[T], field: str) -> T:
+def check_type(value: object, expected: type[T], field: str) -> T:
     """Return ``value``; raise `TypeError` naming ``field`` if it is of another type."""
     if not isinstance(value, expected):
         raise TypeError(f"{field}: received {type(value).__name__}, expected {expected.__name__}")
@@ -124,7 +124,7 @@ def stamp_from_nanoseconds(stamp_ns: int) -> Time:
 
 def pose_to_msg(pose: Pose) -> PoseMsg:
     """Return the message of a pose; inverse: `pose_from_msg`."""
-    checked_type(pose, Pose, "pose")
+    check_type(pose, Pose, "pose")
     (px, py, pz), (x, y, z, w) = pose.position_m, pose.quat_xyzw
     return PoseMsg(position=Point(x=px, y=py, z=pz), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
@@ -136,9 +136,9 @@ def pose_from_msg(msg: PoseMsg, field: str = "pose") -> Pose:
         TypeError: ``msg`` is not a ``geometry_msgs/Pose``.
         InvalidInputError: A number is not finite, or the quaternion is not of unit length.
     """
-    checked_type(msg, PoseMsg, field)
+    check_type(msg, PoseMsg, field)
     p, q = msg.position, msg.orientation
-    return checked_pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), field)
+    return check_pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), field)
 
 
 def pose_to_stamped_msg(pose: Pose, header: Header) -> PoseStamped:
@@ -158,9 +158,9 @@ def transform_to_msg(T_parent_child: ArrayLike, header: Header, child: str) -> T
 
 def transform_from_msg(msg: TransformStamped) -> FloatArray:
     """Return ``T_parent_child`` (4, 4) of a message; inverse: `transform_to_msg`."""
-    checked_type(msg, TransformStamped, "transform")
+    check_type(msg, TransformStamped, "transform")
     t, q = msg.transform.translation, msg.transform.rotation
-    return pose_to_matrix(checked_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w), "transform"))
+    return pose_to_matrix(check_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w), "transform"))
 
 
 def intrinsics_to_msg(
@@ -171,7 +171,7 @@ def intrinsics_to_msg(
     P projects to the rectified image, which has the same K. For the right camera of a stereo pair,
     ``baseline_m`` from the left one, P projects from the left camera's frame (REP-104).
     """
-    checked_type(intrinsics, PinholeIntrinsics, "intrinsics")
+    check_type(intrinsics, PinholeIntrinsics, "intrinsics")
     K = intrinsics.K
     to_left = np.array((-K[0, 0] * baseline_m, 0.0, 0.0)) if baseline_m else np.zeros(3)
     return CameraInfo(
@@ -194,7 +194,7 @@ def intrinsics_from_msg(msg: CameraInfo) -> PinholeIntrinsics:
         InvalidInputError: The camera is skewed or not calibrated, or its distortion is neither of
             the model plumb_bob nor equidistant, or not invertible.
     """
-    checked_type(msg, CameraInfo, "camera_info")
+    check_type(msg, CameraInfo, "camera_info")
     if not np.isfinite([*msg.k, *msg.d]).all():
         raise InvalidInputError("camera_info", [*msg.k, *msg.d], "finite numbers in k and d")
     if not (0 < msg.width <= MAX_PIXELS and 0 < msg.height <= MAX_PIXELS):
@@ -229,7 +229,7 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
         TypeError: ``data`` is not an array.
         InvalidInputError: Unknown encoding, or data of another shape, type or range.
     """
-    checked_type(data, np.ndarray, "image.data")
+    check_type(data, np.ndarray, "image.data")
     pixels = _format_of(encoding)
     if encoding == "32SC1" and data.dtype == np.uint32:
         if data.size and int(data.max()) > np.iinfo(np.int32).max:
@@ -260,7 +260,7 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
         TypeError: ``msg`` is not a ``sensor_msgs/Image``.
         InvalidInputError: Unknown encoding, or sizes that do not agree with each other.
     """
-    checked_type(msg, Image, "image")
+    check_type(msg, Image, "image")
     if not (0 < msg.width <= MAX_PIXELS and 0 < msg.height <= MAX_PIXELS):
         size = (msg.width, msg.height)
         raise InvalidInputError("image", size, f"1 to {MAX_PIXELS} pixels a side")

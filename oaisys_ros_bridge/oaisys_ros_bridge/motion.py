@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, ImuInfo, Pose, Twist
-from oaisys_ros_bridge.conversions import checked_type, pose_from_msg, pose_to_msg
+from oaisys_ros_bridge.conversions import check_type, pose_from_msg, pose_to_msg
 
 UNKNOWN_VARIANCE = 1e6
 """Variance of an unknown velocity, (m/s)^2 or (rad/s)^2."""
@@ -55,7 +55,7 @@ def odometry_to_msg(
 
 def odometry_from_msg(msg: Odometry) -> Pose:
     """Return the pose in an odometry message."""
-    return pose_from_msg(checked_type(msg, Odometry, "odometry").pose.pose, "odometry.pose")
+    return pose_from_msg(check_type(msg, Odometry, "odometry").pose.pose, "odometry.pose")
 
 
 def twist_from_msg(msg: Odometry) -> Twist | None:
@@ -65,7 +65,7 @@ def twist_from_msg(msg: Odometry) -> Twist | None:
         TypeError: ``msg`` is not a ``nav_msgs/Odometry``.
         InvalidInputError: A number is not finite.
     """
-    checked_type(msg, Odometry, "odometry")
+    check_type(msg, Odometry, "odometry")
     if min(msg.twist.covariance[::7]) >= UNKNOWN_VARIANCE:
         return None
     linear = _finite(msg.twist.twist.linear, "odometry.twist.linear")
@@ -104,7 +104,7 @@ def imu_from_msg(msg: Imu) -> tuple[FloatArray, FloatArray]:
         TypeError: ``msg`` is not a ``sensor_msgs/Imu``.
         InvalidInputError: A number is not finite.
     """
-    checked_type(msg, Imu, "imu")
+    check_type(msg, Imu, "imu")
     rate = _finite(msg.angular_velocity, "imu.angular_velocity")
     force = _finite(msg.linear_acceleration, "imu.linear_acceleration")
     return np.array(rate), np.array(force)

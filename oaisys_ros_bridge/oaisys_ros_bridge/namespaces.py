@@ -51,7 +51,7 @@ def namespace_arguments(namespace: str) -> list[str]:
 
 
 @contextlib.contextmanager
-def claimed_domain() -> Iterator[int]:
+def claim_domain() -> Iterator[int]:
     """Claim a ROS domain for as long as the block lasts, and yield its number.
 
     The claim is the name of a socket, which the kernel takes back when the process ends. Processes
@@ -85,7 +85,7 @@ def own_domain() -> Iterator[None]:
     if DOMAIN_VARIABLE in os.environ:
         yield
         return
-    with claimed_domain() as number:
+    with claim_domain() as number:
         os.environ[DOMAIN_VARIABLE] = str(number)
         try:
             yield

@@ -18,7 +18,7 @@ from tools.bench.figures import Figure, Goal, figure, ratio
 from tools.bench.plots import plot_growth, plot_quality
 from tools.bench.referees.module_process import run_module
 from tools.bench.references import ReferenceImages, psnr_db, sha256, ssim
-from tools.bench.report import cells, markdown, rounded, write_results
+from tools.bench.report import cells, markdown, round_digits, write_results
 from tools.bench.settings import Settings
 from tools.bench.topics import growth, quality
 from tools.programs import tool_environment
@@ -169,7 +169,7 @@ def test_plots_show_their_points(tmp_path: Path) -> None:
 
 
 def test_numbers_are_short_and_without_exponents() -> None:
-    assert [rounded(value) for value in (0.012345, 1.23456, 123.456, 12345.6, 99.99512)] == [
+    assert [round_digits(value) for value in (0.012345, 1.23456, 123.456, 12345.6, 99.99512)] == [
         "0.01235",
         "1.235",
         "123.5",

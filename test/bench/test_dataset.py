@@ -10,7 +10,7 @@ import pytest
 from tools.bench.child import run_job
 from tools.bench.figures import Figure
 from tools.bench.settings import Settings
-from tools.bench.topics.dataset import Pair, allowed_s, growth_mb, speed_figures
+from tools.bench.topics.dataset import Pair, growth_mb, limit_s, speed_figures
 
 PLAIN = {
     "batch_s": [6.0, 4.0],
@@ -34,7 +34,7 @@ def by_name(figures: list[Figure]) -> dict[str, Figure]:
 
 def test_batches_and_steady_views_say_what_is_allowed() -> None:
     # The median of 1, 1, 1 and 2 seconds; the first view of each world is not steady.
-    assert allowed_s(PLAIN) == 10.0 + 6 * 1.0
+    assert limit_s(PLAIN) == 10.0 + 6 * 1.0
 
 
 def test_a_data_set_is_compared_with_a_plain_loop_and_with_what_is_allowed() -> None:

@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
 from oaisys_core.types import DEPTH, Frame, PinholeIntrinsics, Pose
-from tools.bench.calibration import calibrated
-from tools.bench.child import pinned
+from tools.bench.calibration import calibrate
+from tools.bench.child import pin
 from tools.bench.figures import Figure
 from tools.bench.panel_table import HEADINGS, panel_rows
 from tools.bench.random_views import FREE_M, StageSurface, random_views, shows_stage
@@ -31,8 +31,8 @@ from tools.bench.report import markdown
 from tools.bench.settings import Settings
 from tools.bench.topics import quality
 from tools.bench.topics.against import compare, comparison_figures
-from tools.bench.topics.cores import core_figures, expected_s, serial_share
-from tools.bench.topics.panel import chosen_worlds, panel_figures
+from tools.bench.topics.cores import core_figures, seconds_by_amdahl, serial_share
+from tools.bench.topics.panel import choose_worlds, panel_figures
 from tools.bench.views import VIEWS, PosedView, by_light
 from tools.bench.worlds import SIX_VIEWS, WORLDS, world_file, world_mapping
 
@@ -78,7 +78,7 @@ def test_smearing_lowers_the_top_octave_as_its_filter_does() -> None:
 
 
 def test_times_are_divided_by_the_calibrations_around_them() -> None:
-    assert calibrated([1.0, 3.0], [0.4, 0.6, 1.4]) == pytest.approx([2.0, 3.0])
+    assert calibrate([1.0, 3.0], [0.4, 0.6, 1.4]) == pytest.approx([2.0, 3.0])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
@@ -87,7 +87,7 @@ def test_the_serial_share_is_amdahls(share: float) -> None:
     for cores in (2, 16):
         all_s = one_s * share + one_s * (1 - share) / cores
         assert serial_share(one_s, all_s, cores) == pytest.approx(share)
-        assert expected_s(one_s, share, cores) == pytest.approx(all_s)
+        assert seconds_by_amdahl(one_s, share, cores) == pytest.approx(all_s)
 
 
 def turn(seconds: float, cpu_s: float, sampling_s: float) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def test_cores_are_counted_by_what_they_are_worth() -> None:
 def test_a_process_may_be_pinned_before_it_starts() -> None:
     usable = os.sched_getaffinity(0)
     script = [sys.executable, "-c", "import os; print(len(os.sched_getaffinity(0)))"]
-    with pinned([min(usable)]):
+    with pin([min(usable)]):
         assert subprocess.check_output(script) == b"1\n"
     assert os.sched_getaffinity(0) == usable
 
@@ -185,7 +185,7 @@ def test_settings_and_views_survive_the_way_to_a_job() -> None:
 
 
 def test_views_of_one_light_are_visited_together() -> None:
-    posed = [view.posed(lambda points: np.zeros(len(points))) for view in VIEWS]
+    posed = [view.with_pose(lambda points: np.zeros(len(points))) for view in VIEWS]
     groups = [[view.name for view in group] for group in by_light(posed)]
     assert groups == [["nadir", "oblique", "close_up", "horizon"], ["low_sun"], ["shadow"]]
 
@@ -197,8 +197,8 @@ def test_the_panel_has_eight_worlds_on_the_runs_device() -> None:
         config = config_from_mapping(world_mapping(settings, world), world_file(world).parent)
         assert config.render.device == "cuda"
         assert [(c.width_px, c.height_px) for c in config.sensors.cameras] == [(64, 48)]
-    assert chosen_worlds(settings) == [*WORLDS, SIX_VIEWS]
-    assert chosen_worlds(replace(settings, worlds=("dense",))) == ["dense"]
+    assert choose_worlds(settings) == [*WORLDS, SIX_VIEWS]
+    assert choose_worlds(replace(settings, worlds=("dense",))) == ["dense"]
 
 
 def measured(

@@ -21,7 +21,7 @@ def random_poses(count: int) -> list[Pose]:
     rng = np.random.default_rng(7)
     positions_m = rng.uniform(-50, 50, (count, 3))
     quats = Rotation.random(count, random_state=7).as_quat()
-    return [geometry.checked_pose(p, q) for p, q in zip(positions_m, quats, strict=True)]
+    return [geometry.check_pose(p, q) for p, q in zip(positions_m, quats, strict=True)]
 
 
 @pytest.mark.parametrize("pose", random_poses(20))
@@ -109,12 +109,12 @@ def test_looking_at_points_at_the_target_without_roll() -> None:
 )
 def test_bad_poses_are_refused_by_field(position_m, quat_xyzw, field) -> None:
     with pytest.raises(InvalidInputError) as caught:
-        geometry.checked_pose(position_m, quat_xyzw)
+        geometry.check_pose(position_m, quat_xyzw)
     assert caught.value.field == field
 
 
 def test_a_nearly_unit_quaternion_is_normalised() -> None:
-    pose = geometry.checked_pose((0, 0, 0), (0, 0, 0, 1.0009))
+    pose = geometry.check_pose((0, 0, 0), (0, 0, 0, 1.0009))
     assert pose.quat_xyzw == (0, 0, 0, 1)
 
 
@@ -124,11 +124,11 @@ def test_a_checked_pose_and_a_pose_of_a_motion_stay_as_they_are_when_checked_aga
     drawn = Rotation.random(3000, random_state=3)
     turned = drawn * Rotation.random(3000, random_state=4) * Rotation.random(3000, random_state=5)
     typed = drawn.as_quat() * (1 + rng.uniform(-9e-4, 9e-4, (3000, 1)))
-    poses = [geometry.checked_pose((0, 0, 0), quat) for quat in (*typed, *typed.astype(np.float32))]
+    poses = [geometry.check_pose((0, 0, 0), quat) for quat in (*typed, *typed.astype(np.float32))]
     poses += [Pose((0.0, 0.0, 0.0), tuple(quat)) for quat in turned.as_quat().tolist()]
     for pose in poses:
         assert abs(np.linalg.norm(pose.quat_xyzw) - 1) < 1e-14
-        assert geometry.checked_pose(pose.position_m, pose.quat_xyzw) == pose
+        assert geometry.check_pose(pose.position_m, pose.quat_xyzw) == pose
 
 
 LENSES = {

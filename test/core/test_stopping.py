@@ -10,9 +10,9 @@ import pytest
 from oaisys_core.errors import CancelledError
 from oaisys_core.system.interruption import (
     interruptible,
+    make_wanted_check,
     stop_if_unwanted,
-    stopped_by,
-    wanted_check,
+    stop_when_unwanted,
 )
 
 PATIENCE_S = 30.0
@@ -29,7 +29,7 @@ def raising_after(unwanted: threading.Event) -> Callable[[], None]:
 def test_another_thread_learns_whether_the_result_is_wanted() -> None:
     unwanted = threading.Event()
     with interruptible(raising_after(unwanted)):
-        is_wanted = wanted_check()
+        is_wanted = make_wanted_check()
     found = []
     for _ in range(2):
         thread = threading.Thread(target=lambda: found.append(is_wanted()))
@@ -48,7 +48,7 @@ def test_a_block_that_calls_no_check_is_stopped_by_another_thread() -> None:
         stopped.set()
 
     with interruptible(raising_after(unwanted)):
-        with stopped_by(stop):
+        with stop_when_unwanted(stop):
             unwanted.set()
             assert stopped.wait(PATIENCE_S)
         assert not callers[0].is_alive()
@@ -67,7 +67,7 @@ def test_stop_is_called_again_until_the_block_ends() -> None:
             often.set()
 
     unwanted.set()
-    with interruptible(raising_after(unwanted)), stopped_by(stop):
+    with interruptible(raising_after(unwanted)), stop_when_unwanted(stop):
         assert often.wait(PATIENCE_S)
 
 
@@ -77,10 +77,10 @@ def test_a_block_whose_result_is_wanted_is_left_alone(has_check: bool) -> None:
     calls: list[None] = []
 
     if has_check:
-        with interruptible(looked.set), stopped_by(lambda: calls.append(None)):
+        with interruptible(looked.set), stop_when_unwanted(lambda: calls.append(None)):
             assert looked.wait(PATIENCE_S)
     else:
         threads = threading.active_count()
-        with stopped_by(lambda: calls.append(None)):
+        with stop_when_unwanted(lambda: calls.append(None)):
             assert threading.active_count() == threads
     assert not calls

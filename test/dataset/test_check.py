@@ -52,7 +52,7 @@ def checks(report: CheckReport) -> set[str]:
 def test_what_was_rendered_passes(rendered: Path) -> None:
     report = check_dataset(rendered, worlds_rebuilt=1)
     assert report.findings == ()
-    assert report.passed
+    assert report.has_passed
     assert (report.worlds, report.frames, report.images) == (3, 9, 45)
     assert report.splits == {"train": 2, "val": 1}
     assert len(report.rebuilt_worlds) == 1
@@ -305,7 +305,7 @@ def test_damage_is_found(folder: Path, damage: Callable[[Path], None], expected:
         for world in (1, 2):
             (folder / manifest_name(world)).unlink()
     report = check_dataset(folder, worlds_rebuilt=int(needs_world))
-    assert not report.passed
+    assert not report.has_passed
     assert expected <= checks(report), report.findings
 
 
@@ -315,7 +315,7 @@ def test_a_world_that_could_not_be_made_is_counted_and_is_no_finding(folder: Pat
     dataset = open_dataset(folder)
     write_failure(dataset.place, WorldFailure(1, "train", 1001, "no free view"))
     report = check_dataset(folder, worlds_rebuilt=0)
-    assert report.passed
+    assert report.has_passed
     assert report.failed_worlds == (1,)
 
 

@@ -30,12 +30,12 @@ from waiting import wait_until
 from oaisys_core.cli.repeat import MIN_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_dataset.places import open_place
-from oaisys_dataset.plan import parsed_splits, world_tasks
+from oaisys_dataset.plan import parse_splits, world_tasks
 from oaisys_dataset.reader import open_dataset
 from oaisys_dataset.rendering import dataset_info
-from oaisys_dataset.repeat import repeated
+from oaisys_dataset.repeat import repeat_records
 from oaisys_dataset.shards import HEAD
-from oaisys_dataset.workers import written
+from oaisys_dataset.workers import write_world
 from oaisys_dataset.world_render import WorldRenderer
 
 SPLITS = "train=0.6,val=0.4"
@@ -57,12 +57,12 @@ BLENDER_WORLDS = 3
 def render_here(config: Path, out: Path) -> None:
     """Render the data set in this process, without Ray."""
     chosen = load_config(config)
-    splits = parsed_splits(SPLITS)
+    splits = parse_splits(SPLITS)
     place = open_place(out)
     place.write(HEAD, dataset_info(chosen, WORLDS, VIEWS, splits).to_json().encode())
     renderer = WorldRenderer(chosen, "test")
     for task in world_tasks(chosen.seed, WORLDS, VIEWS, splits):
-        list(written(place, task, renderer.render(task)))
+        list(write_world(place, task, renderer.render(task)))
     renderer.close()
 
 
@@ -132,7 +132,7 @@ def test_two_workers_make_the_data_set_that_one_process_makes(
     dataset = open_dataset(undisturbed.folder)
     assert {record.worker for record in dataset.records}.isdisjoint({"test"})
     assert dataset.splits == ("train", "val")
-    ((frame, comparisons),) = repeated(dataset, ["000002_0001_camera"], 40.0)
+    ((frame, comparisons),) = repeat_records(dataset, ["000002_0001_camera"], 40.0)
     assert frame == "000002_0001_camera"
     assert {c.name.modality: c.different_px for c in comparisons} == dict.fromkeys(
         ("rgb", "depth", "semantic_0", "instance", "normal"), 0
@@ -286,7 +286,7 @@ def test_blender_lives_in_the_workers_of_ray(undisturbed_blender: UndisturbedRun
     assert dataset.worlds == tuple(range(BLENDER_WORLDS))
     assert len({record.worker for record in dataset.records}) == 2
     frames = ["000000_0002_camera", f"{BLENDER_WORLDS - 1:06d}_0001_camera"]
-    for _, comparisons in repeated(dataset, frames, 40.0):
+    for _, comparisons in repeat_records(dataset, frames, 40.0):
         assert all(comparison.is_equal for comparison in comparisons)
 
 

@@ -4,11 +4,11 @@ import pytest
 
 from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError
-from oaisys_dataset.plan import SPLITS, parsed_splits, world_tasks
+from oaisys_dataset.plan import SPLITS, parse_splits, world_tasks
 
 
 def test_every_prefix_of_the_worlds_has_the_shares_of_the_splits():
-    splits = parsed_splits("train=0.7,val=0.2,test=0.1")
+    splits = parse_splits("train=0.7,val=0.2,test=0.1")
     counts = dict.fromkeys(splits, 0)
     for task in world_tasks(5, 300, 3, splits):
         counts[task.split] += 1
@@ -17,12 +17,12 @@ def test_every_prefix_of_the_worlds_has_the_shares_of_the_splits():
 
 
 def test_twelve_worlds_have_all_default_splits():
-    tasks = list(world_tasks(1, 12, 3, parsed_splits(SPLITS)))
+    tasks = list(world_tasks(1, 12, 3, parse_splits(SPLITS)))
     assert {task.split for task in tasks} == {"train", "val", "test"}
 
 
 def test_more_worlds_keep_the_earlier_ones():
-    splits = parsed_splits(SPLITS)
+    splits = parse_splits(SPLITS)
     assert list(world_tasks(9, 100, 3, splits))[:20] == list(world_tasks(9, 20, 3, splits))
 
 
@@ -37,4 +37,4 @@ def test_a_world_has_the_seed_of_a_batch_of_render():
 )
 def test_wrong_splits_are_refused(text):
     with pytest.raises(InvalidInputError, match="splits"):
-        parsed_splits(text)
+        parse_splits(text)

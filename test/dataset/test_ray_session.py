@@ -17,7 +17,7 @@ from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_dataset import session_guard
-from oaisys_dataset.ray_session import RaySettings, embedded_workers, ray_session
+from oaisys_dataset.ray_session import RaySettings, ray_session, worker_count
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "no-such-machine.invalid"])
@@ -35,7 +35,7 @@ def test_an_address_without_a_cluster_is_wrong_input(host: str) -> None:
 
 def test_a_worker_that_does_not_fit_is_wrong_input() -> None:
     with pytest.raises(InvalidInputError, match=r"memory_per_worker.*100000"):
-        embedded_workers(RaySettings(memory_gb=100_000.0))
+        worker_count(RaySettings(memory_gb=100_000.0))
 
 
 class SlowRay:

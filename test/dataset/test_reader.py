@@ -14,7 +14,7 @@ from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
 from oaisys_dataset import open_dataset
 from oaisys_dataset.manifest import FrameRecord, WorldFailure
 from oaisys_dataset.places import open_place
-from oaisys_dataset.shards import finished_worlds, write_failure, writing_shard
+from oaisys_dataset.shards import whole_worlds, write_failure, writing_shard
 
 WORLDS = {0: "train", 2: "val", 13: "train"}
 
@@ -92,7 +92,7 @@ def test_a_world_that_was_interrupted_leaves_nothing_behind(where: str) -> None:
         shard.add(frame_record(14, 0, "train"), wrong)
     with pytest.raises(RenderError, match="legend"), writing_shard(place, 15) as shard:
         shard.add(frame_record(15, 0, "train"), drawn_arrays(np.random.default_rng(0)))
-    assert finished_worlds(place) == [0, 2, 13]
+    assert whole_worlds(place) == [0, 2, 13]
     assert len(place.names("shards")) == 6
     assert open_dataset(where).worlds == (0, 2, 13)
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from oaisys_core.errors import InvalidInputError
 from oaisys_dataset import Dataset
 from oaisys_dataset.cli.dataset import dataset_app
-from oaisys_dataset.repeat import repeated
+from oaisys_dataset.repeat import repeat_records
 
 COLOUR_ONLY = CONFIG.replace("[rgb, depth, semantic_0, instance, normal]", "[rgb]")
 FISHEYE = CONFIG.replace("fy_px: 54.0", "fy_px: 54.0\n      fisheye: {k1: 0.01}")
@@ -70,4 +70,4 @@ def test_a_place_with_another_set_is_refused(tmp_path: Path) -> None:
 
 def test_a_frame_that_is_not_there_is_wrong_input(rendered: Dataset) -> None:
     with pytest.raises(InvalidInputError, match=r"'000009_0000_camera', .* such as 000000_0000_"):
-        list(repeated(rendered, ["000000_0000_camera", "000009_0000_camera"], 40.0))
+        list(repeat_records(rendered, ["000000_0000_camera", "000009_0000_camera"], 40.0))

@@ -35,7 +35,7 @@ def rendering(out: Path, info: DatasetInfo = INFO) -> DatasetRendering:
 
 def begin(out: Path, info: DatasetInfo = INFO, *, is_resumed: bool = False) -> DatasetRendering:
     begun = rendering(out, info)
-    with begun.begun(is_resumed=is_resumed):
+    with begun.begin(is_resumed=is_resumed):
         return begun
 
 
@@ -109,7 +109,7 @@ def test_finished_worlds_are_kept_and_their_classes_counted(tmp_path: Path) -> N
 
 
 def test_two_commands_do_not_write_to_one_folder(tmp_path: Path) -> None:
-    with rendering(tmp_path).begun(is_resumed=False), pytest.raises(NotReadyError, match="another"):
+    with rendering(tmp_path).begin(is_resumed=False), pytest.raises(NotReadyError, match="another"):
         begin(tmp_path, is_resumed=True)
     begin(tmp_path, is_resumed=True)
 

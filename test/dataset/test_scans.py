@@ -20,10 +20,10 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import LidarScan, point_dtype
 from oaisys_dataset import Dataset, open_dataset
 from oaisys_dataset.check import CheckReport, check_dataset
-from oaisys_dataset.repeat import repeated
-from oaisys_dataset.scans import EncodedScan, ScanRecord, encoded_points
+from oaisys_dataset.repeat import repeat_records
+from oaisys_dataset.scans import EncodedScan, ScanRecord, encode_scan_points
 from oaisys_dataset.shards import (
-    encoded_frame,
+    encode_frame,
     scans_name,
     tar_name,
     writing_shard,
@@ -103,7 +103,7 @@ def test_a_view_without_images_keeps_its_scans_and_the_legend_is_found(tmp_path:
 
 def test_scans_are_made_again_from_their_lines(scanned: Dataset) -> None:
     ids = ["000000_0001_roof", "000001_0002_rosette", "000001_0002_camera"]
-    results = dict(repeated(scanned, ids, 40.0))
+    results = dict(repeat_records(scanned, ids, 40.0))
     assert list(results) == ids
     for comparisons in results.values():
         assert all(each.is_equal and not each.different_px for each in comparisons)
@@ -131,10 +131,10 @@ def rewritten(
     legend = dataset.legend(world)
     with writing_shard(dataset.place, world) as shard:
         for sample in samples:
-            shard.add_encoded(encoded_frame(sample.record, sample.arrays))
+            shard.add_encoded(encode_frame(sample.record, sample.arrays))
         for record, scan in scans:
             changed, data = change(record, scan)
-            points, file = encoded_points(
+            points, file = encode_scan_points(
                 changed.scan_id, LidarScan(changed.sensor, data, changed.pose)
             )
             shard.add_scan(EncodedScan(replace(changed, points=points), file))
@@ -269,5 +269,5 @@ def test_damage_of_scans_is_found(
 ) -> None:
     damage(folder)
     report = check_dataset(folder, worlds_rebuilt=2 if needs_worlds else 0)
-    assert not report.passed
+    assert not report.has_passed
     assert expected <= checks(report), report.findings

@@ -21,7 +21,7 @@ from oaisys_dataset.manifest import WorldFailure
 from oaisys_dataset.places import LocalPlace
 from oaisys_dataset.plan import WorldTask, world_tasks
 from oaisys_dataset.ray_session import RaySession, RaySettings
-from oaisys_dataset.shards import encoded_frame, finished_worlds
+from oaisys_dataset.shards import encode_frame, whole_worlds
 from oaisys_dataset.workers import WorldBegun, WorldPart
 from oaisys_dataset.world_render import EncodedView
 
@@ -63,7 +63,7 @@ class PretendedRay:
     def _parts(self, task: WorldTask) -> Iterator[WorldPart]:
         frame = frame_record(task.index, 0, task.split)
         yield WorldBegun(task.index)
-        yield EncodedView(0, (encoded_frame(frame, drawn_arrays(stream(task.seed, "test"))),))
+        yield EncodedView(0, (encode_frame(frame, drawn_arrays(stream(task.seed, "test"))),))
         if task.index == self._failing:
             yield WorldFailure(task.index, task.split, task.seed, "no view")
         else:
@@ -118,7 +118,7 @@ def test_a_world_that_fails_is_followed_by_the_next_one(
     place = LocalPlace(tmp_path)
     found = list(events(PretendedRay(failing=1), place, monkeypatch))
     assert [e.world for e in found if isinstance(e, WorldFailure)] == [1]
-    assert finished_worlds(place) == [0, 2]
+    assert whole_worlds(place) == [0, 2]
 
 
 def test_a_shard_that_cannot_be_completed_ends_the_run_and_leaves_nothing_half_done(
@@ -131,7 +131,7 @@ def test_a_shard_that_cannot_be_completed_ends_the_run_and_leaves_nothing_half_d
     place = WatchedPlace(tmp_path, full)
     with pytest.raises(RenderError, match=r"world_000001.tar: could not be written: No space"):
         list(events(PretendedRay(), place, monkeypatch))
-    assert finished_worlds(place) == [0]
+    assert whole_worlds(place) == [0]
     assert not list(tmp_path.rglob("*.part"))
 
 

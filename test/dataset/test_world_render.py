@@ -21,8 +21,8 @@ from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import world_tasks
 from oaisys_dataset.reader import open_dataset
 from oaisys_dataset.rendering import dataset_info
-from oaisys_dataset.shards import HEAD, finished_worlds, tar_name
-from oaisys_dataset.workers import SetupFailure, ViewCounts, WorldBegun, render_world, written
+from oaisys_dataset.shards import HEAD, tar_name, whole_worlds
+from oaisys_dataset.workers import SetupFailure, ViewCounts, WorldBegun, render_world, write_world
 from oaisys_dataset.world_render import EncodedView, WorldRenderer
 
 MAX_KEPT_SHARE = 0.1
@@ -75,7 +75,7 @@ def test_a_world_of_a_data_set_is_a_batch_of_the_simulation(config, tmp_path: Pa
     place = open_place(tmp_path)
     place.write(HEAD, dataset_info(config, 3, 2, {"all": 1.0}).to_json().encode())
     renderer = WorldRenderer(config, "test")
-    parts = list(written(place, TASKS[1], renderer.render(TASKS[1])))
+    parts = list(write_world(place, TASKS[1], renderer.render(TASKS[1])))
     renderer.close()
     assert isinstance(parts[-1], WorldLegend)
     simulation = Simulation(config)
@@ -105,12 +105,12 @@ def test_a_world_without_enough_poses_fails_with_its_reason_and_leaves_no_shard(
     data["sensors"]["motion"] = {"kind": "csv", "path": str(poses), "at_end": "refuse"}
     renderer = WorldRenderer(config_from_mapping(data), "test")
     place = open_place(tmp_path / "set")
-    parts = list(written(place, TASKS[0], renderer.render(TASKS[0])))
+    parts = list(write_world(place, TASKS[0], renderer.render(TASKS[0])))
     renderer.close()
     failure = parts[-1]
     assert isinstance(failure, WorldFailure)
     assert failure.reason.startswith("view 1: sensors.motion")
-    assert finished_worlds(place) == []
+    assert whole_worlds(place) == []
     assert not [path for path in tmp_path.rglob("*") if ".part" in path.name]
 
 
@@ -120,10 +120,10 @@ def test_a_worker_writes_the_shard_itself_where_all_machines_can(config, tmp_pat
     assert [type(part) for part in parts] == [WorldBegun, ViewCounts, ViewCounts, WorldLegend]
     assert [part.frames for part in parts if isinstance(part, ViewCounts)] == [1, 1]
     place = open_place(url)
-    assert finished_worlds(place) == [2]
+    assert whole_worlds(place) == [2]
     renderer = WorldRenderer(config, "test")
     here = open_place(tmp_path)
-    list(written(here, TASKS[2], renderer.render(TASKS[2])))
+    list(write_world(here, TASKS[2], renderer.render(TASKS[2])))
     renderer.close()
     assert place.read(tar_name(2)) == here.read(tar_name(2))
 

@@ -28,7 +28,7 @@ from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
-from oaisys_ros_bridge.bags.finished_bag import finished_file
+from oaisys_ros_bridge.bags.finished_bag import open_finished
 from oaisys_ros_bridge.bags.info import repeats_of
 from oaisys_ros_bridge.bridge.status import SUBSCRIBERS
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
@@ -205,7 +205,7 @@ def nanoseconds(stamp: Any) -> int:
 
 def messages_of_samples(bag: Path) -> dict[str, int]:
     """Return how many messages of each topic a bag holds, without transforms that are repeated."""
-    with finished_file(next(bag.glob("*.mcap"))) as (reader, summary):
+    with open_finished(next(bag.glob("*.mcap"))) as (reader, summary):
         assert summary.statistics is not None
         repeats = repeats_of(reader, summary)
     counts = summary.statistics.channel_message_counts

@@ -12,7 +12,7 @@ from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import WorldTask
 from oaisys_dataset.rendering import dataset_info
 from oaisys_dataset.shards import HEAD
-from oaisys_dataset.workers import written
+from oaisys_dataset.workers import write_world
 from oaisys_dataset.world_render import WorldRenderer
 
 SMALL: dict[str, Any] = {
@@ -81,6 +81,6 @@ def render_dataset(
     renderer = WorldRenderer(chosen, "here")
     for world, split in splits.items():
         task = WorldTask(world, 1000 + world, split, views)
-        *_, last = written(place, task, renderer.render(task))
+        *_, last = write_world(place, task, renderer.render(task))
         assert not isinstance(last, WorldFailure), last.reason
     renderer.close()

@@ -10,7 +10,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
-from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
+from oaisys_mapping.rectification import rectify, rectify_camera, rectify_labels
 from oaisys_mapping.tsdf import TsdfVolume
 
 BARREL = PinholeIntrinsics(160, 120, 130.0, 125.0, 82.0, 57.5, (-0.25, 0.06, 1e-3, -2e-3, 0.005))
@@ -25,7 +25,7 @@ def plane_depth_m(camera: PinholeIntrinsics) -> np.ndarray:
 
 @pytest.mark.parametrize("camera", [BARREL, CUSHION], ids=["barrel", "cushion"])
 def test_a_rectified_image_stays_within_the_original_field_of_view(camera):
-    straight = rectified_camera(camera)
+    straight = rectify_camera(camera)
 
     assert straight.distortion == ()
     corners = pixel_rays(straight)[[0, 0, -1, -1, 60, 0], [0, -1, 0, -1, 0, 80]]
@@ -42,9 +42,9 @@ def test_a_plane_stays_a_plane(camera):
     rgb = np.zeros((120, 160, 3), np.uint8)
     rgb[..., 0] = np.rint(128 + 100 * rays[..., 0])
 
-    depth_m, straight_rgb = rectified(plane_depth_m(camera), rgb, camera)
+    depth_m, straight_rgb = rectify(plane_depth_m(camera), rgb, camera)
 
-    straight = rectified_camera(camera)
+    straight = rectify_camera(camera)
     assert straight_rgb is not None
     np.testing.assert_allclose(depth_m, plane_depth_m(straight), rtol=2e-4)
     red = 128 + 100 * pixel_rays(straight)[..., 0]
@@ -56,7 +56,7 @@ def test_depth_is_never_mixed_between_surfaces_or_with_the_sky():
     depth_m[:, 50:] = 9.0
     depth_m[:30] = np.inf
 
-    flat_m, _ = rectified(depth_m, None, BARREL)
+    flat_m, _ = rectify(depth_m, None, BARREL)
 
     assert set(np.unique(flat_m)) == {5.0, 9.0, np.inf}
 
@@ -65,9 +65,9 @@ def test_maps_refuse_fisheyes():
     fisheye = replace(BARREL, distortion=(), distortion_model="equidistant")
     depth_m = np.ones((120, 160), np.float32)
     for refuses in (
-        lambda: rectified_camera(fisheye),
-        lambda: rectified(depth_m, None, fisheye),
-        lambda: rectified_labels(depth_m.astype(np.uint16), fisheye),
+        lambda: rectify_camera(fisheye),
+        lambda: rectify(depth_m, None, fisheye),
+        lambda: rectify_labels(depth_m.astype(np.uint16), fisheye),
     ):
         with pytest.raises(InvalidInputError, match="equidistant"):
             refuses()
@@ -83,11 +83,11 @@ def test_volumes_and_cameras_refuse_distortion():
 
 def test_images_of_another_size_are_refused():
     with pytest.raises(InvalidInputError, match="depth_m"):
-        rectified(np.zeros((4, 5), np.float32), None, BARREL)
+        rectify(np.zeros((4, 5), np.float32), None, BARREL)
 
 
 def test_an_undistorted_camera_is_not_rectified():
-    straight = rectified_camera(BARREL)
+    straight = rectify_camera(BARREL)
     depth_m = plane_depth_m(straight)
-    assert rectified_camera(straight) is straight
-    assert rectified(depth_m, None, straight)[0] is depth_m
+    assert rectify_camera(straight) is straight
+    assert rectify(depth_m, None, straight)[0] is depth_m

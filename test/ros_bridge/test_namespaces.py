@@ -12,7 +12,7 @@ from waiting import PATIENCE_S
 
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge import namespaces
-from oaisys_ros_bridge.namespaces import claimed_domain
+from oaisys_ros_bridge.namespaces import claim_domain
 
 CLAIM_AS = """
 import os, sys
@@ -35,7 +35,7 @@ def test_links_of_others_among_the_temporary_files_are_not_followed(
     planted.mkdir()
     for number in range(1, namespaces.LARGEST_DOMAIN + 1):
         (planted / str(number)).symlink_to(victim)
-    with claimed_domain():
+    with claim_domain():
         pass
     assert victim.read_text() == "kept"
 
@@ -43,11 +43,11 @@ def test_links_of_others_among_the_temporary_files_are_not_followed(
 def test_a_claim_ends_with_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(namespaces, "_CLAIM", f"\0oaisys-test-{os.getpid()}-{{}}")
     monkeypatch.setattr(namespaces, "LARGEST_DOMAIN", 2)
-    with claimed_domain() as first:
-        with claimed_domain() as second, pytest.raises(OaisysError, match="all ROS domains"):
-            claimed_domain().__enter__()
+    with claim_domain() as first:
+        with claim_domain() as second, pytest.raises(OaisysError, match="all ROS domains"):
+            claim_domain().__enter__()
         assert {first, second} == {1, 2}
-        with claimed_domain() as again:
+        with claim_domain() as again:
             assert again == second
 
 
@@ -68,10 +68,10 @@ def test_two_users_get_different_domains_until_one_is_killed(
     try:
         monkeypatch.setattr("random.SystemRandom.sample", lambda *_: [number])
         with pytest.raises(OaisysError, match="all ROS domains"):
-            claimed_domain().__enter__()
+            claim_domain().__enter__()
         other.kill()
         other.wait(PATIENCE_S)
-        with claimed_domain() as claimed:
+        with claim_domain() as claimed:
             assert claimed == number
     finally:
         other.kill()

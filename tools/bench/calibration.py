@@ -101,7 +101,7 @@ class Calibration:
         self._process.stdout.close()
 
 
-def calibrated(seconds: list[float], calibration_s: list[float]) -> list[float]:
+def calibrate(seconds: list[float], calibration_s: list[float]) -> list[float]:
     """Return each time as a ratio to the calibrations just before and after it.
 
     Args:

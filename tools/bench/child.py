@@ -83,7 +83,7 @@ def _started(
 ) -> subprocess.Popen[bytes]:
     # Found before the installed package, which is this checkout's; the tools stay this one's.
     first = () if core_of is None else (core_of / CORE,)
-    with log.open("wb") as output, pinned(cores):
+    with log.open("wb") as output, pin(cores):
         return subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -96,7 +96,7 @@ def _started(
 
 
 @contextlib.contextmanager
-def pinned(cores: Collection[int]) -> Iterator[None]:
+def pin(cores: Collection[int]) -> Iterator[None]:
     """Restrict this thread to cores for as long as the context lasts; none: to no fewer.
 
     A process that it starts inherits that, so no library of the process sees other cores.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
-from oaisys_core.types import DEPTH, INSTANCE, NORMAL, RGB, SEMANTIC_0, merged
+from oaisys_core.types import DEPTH, INSTANCE, NORMAL, RGB, SEMANTIC_0, merge
 from oaisys_dataset.plan import WorldTask, world_tasks
 from tools.bench.settings import Settings
 from tools.bench.worlds import world_file, world_mapping
@@ -32,7 +32,7 @@ def dataset_config(
     settings: Settings, world: str, quality: str, changes: dict[str, Any] | None = None
 ) -> SimulationConfig:
     """Return the configuration of a data set of a world's kind."""
-    mapping = merged(world_mapping(settings, world), changes or {})
+    mapping = merge(world_mapping(settings, world), changes or {})
     (camera,) = mapping["sensors"]["cameras"]
     sensors = {"cameras": [{**camera, "modalities": MODALITIES}], "motion": MOTION}
     render = {**mapping.get("render", {}), "quality": quality}

@@ -62,7 +62,7 @@ class TopicProgress:
 
     def say(self, share: float, text: str) -> None:
         """Show the share of the topic that is done, 0 to 1, and what comes next."""
-        minutes = self.left_s(share) / 60
+        minutes = self.remaining_s(share) / 60
         line = f"{self._topic}, {100 * share:.0f} %, {minutes:.0f} min left: {text}"
         if self._status is not None:
             self._status.update(line)
@@ -70,7 +70,7 @@ class TopicProgress:
             self._said, self._said_s = text, time.monotonic()
             self._console.print(line, highlight=False)
 
-    def left_s(self, share: float) -> float:
+    def remaining_s(self, share: float) -> float:
         """Return the expected seconds until all topics are done."""
         expected_s = self._expected_s[self._topic]
         if share > RELIABLE_SHARE:
@@ -132,7 +132,7 @@ def cells(figure: Figure) -> list[str]:
     numbers = (figure.median, min(figure.values), max(figure.values))
     return [
         figure.name,
-        *map(rounded, numbers),
+        *map(round_digits, numbers),
         str(len(figure.values)),
         figure.unit,
         goal,
@@ -140,7 +140,7 @@ def cells(figure: Figure) -> list[str]:
     ]
 
 
-def rounded(value: float) -> str:
+def round_digits(value: float) -> str:
     """Return a number with few digits, none of them an exponent's."""
     if NEARLY_ALL < value < 100:
         return f"{value:.{DIGITS}f}"

@@ -80,7 +80,7 @@ class BenchView:
             return pose_looking_down(x, y, eye_z)
         return pose_looking_at((x, y, eye_z), (*target, float(surface_m[1]) + self.target_rise_m))
 
-    def posed(self, heights_m: Heights) -> PosedView:
+    def with_pose(self, heights_m: Heights) -> PosedView:
         """Return the view at its pose, lit from noon's sun where it does not say otherwise."""
         light = {**NOON, **self.environment}
         # Settings persist in a simulation, so each view sets all of them.

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from oaisys_core.types import merged
+from oaisys_core.types import merge
 from tools.bench.settings import CONFIG, Settings, camera
 
 EXAMPLES = CONFIG.parent / "examples"
@@ -34,8 +34,8 @@ QUICK_WORLDS = (DEMO, "stage_canyon", "assets_vegetation")
 def world_mapping(settings: Settings, world: str = DEMO) -> dict[str, Any]:
     """Return a world's configuration at the run's image size, to be rendered on its device."""
     configured = yaml.safe_load(world_file(world).read_text(encoding="utf-8"))
-    sized = merged(configured, camera(settings.width_px, settings.height_px))
-    return merged(sized, {"render": {"device": settings.device}})
+    sized = merge(configured, camera(settings.width_px, settings.height_px))
+    return merge(sized, {"render": {"device": settings.device}})
 
 
 def world_file(world: str) -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, load_config
+from oaisys_core.config import SimulationConfig, adjust, config_from_mapping, load_config
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.textures.library import TEXTURES
 from oaisys_core.simulation import Simulation
@@ -73,7 +73,7 @@ class Picture:
 def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[Picture]:
     """Yield the worlds of the gallery whose names contain ``only``."""
     for file in sorted(examples.glob(f"*{only}*.yaml")):
-        config = adjusted(load_config(file), backend=backend, quality=quality)
+        config = adjust(load_config(file), backend=backend, quality=quality)
         group, _, name = file.stem.partition("_")
         yield Picture(group, name or group, _caption(file), config, _views(group, config))
     for texture in sorted(name for name in TEXTURES if only in f"texture_{name}"):

@@ -85,7 +85,7 @@ def main(
     for line in table(readings):
         typer.echo(line)
     if len(readings) > 1:
-        faults += grown(readings)
+        faults += growths(readings)
     if not faults:
         typer.echo(f"all {samples} samples are in the map" + (" and in the bag" if record else ""))
     for fault in faults:
@@ -161,7 +161,7 @@ def table(readings: Readings) -> Sequence[str]:
     ]
 
 
-def grown(readings: Readings) -> Sequence[str]:
+def growths(readings: Readings) -> Sequence[str]:
     """Return a sentence for each gauge that has grown by more than it may."""
     first, last = (readings[number] for number in (min(readings), max(readings)))
     faults = []

@@ -129,5 +129,5 @@ def stamps_of(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
         stamp_ns = stamp_readers[message.topic](message.data)
         stamps.setdefault(message.topic, set()).add(stamp_ns)
         if message.topic.endswith(SAMPLE_INFO):
-            announced[stamp_ns] = message.deserialized(SampleInfo)
+            announced[stamp_ns] = message.deserialize(SampleInfo)
     return stamps, announced

@@ -52,10 +52,10 @@ def audit(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from rich.console import Console
 
-    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.config import SimulationConfig, adjust, load_config
 
     loaded = load_config(config) if config else SimulationConfig()
-    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     with own_stdout():
         found = _audited(chosen, batches, views)
     figures = [

@@ -58,10 +58,10 @@ def show(
     size: SizeOption = None,
 ) -> None:
     """Print the complete configuration, defaults included, as JSON (which is also YAML)."""
-    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.config import SimulationConfig, adjust, load_config
 
     loaded = load_config(config) if config else SimulationConfig()
-    shown = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    shown = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     typer.echo(json.dumps(shown.model_dump(mode="json"), indent=2))
 
 

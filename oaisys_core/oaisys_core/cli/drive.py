@@ -81,14 +81,14 @@ def drive(
     if context.invoked_subcommand is not None:
         return
     # `oaisys --help` imports this module, so slow imports are done on use.
-    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.drive.drive import Drive, drive_section
     from oaisys_core.simulation import Simulation
 
     if out is None:
         raise InvalidInputError("out", None, "a folder, as --out")
     loaded = load_config(config) if config else SimulationConfig()
-    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     drive_section(chosen)
     unavailable: dict[str, str] = {}
     with own_stdout():
@@ -110,9 +110,9 @@ def drive(
         typer.echo(f"report: {write_report(recorded, _say)}")
     counts = recorded.counts[FILES]
     typer.echo(f"{out}: {', '.join(f'{count.written} {name}' for name, count in counts.items())}")
-    for sentence in recorded.lost:
+    for sentence in recorded.losses:
         typer.echo(f"missing: {sentence}", err=True)
-    if recorded.lost:
+    if recorded.losses:
         raise typer.Exit(1)
 
 
@@ -160,13 +160,13 @@ def plan(
     with the vehicle `{kind: file, path: FILE}`. A rover that stops in front of an obstacle ends
     with exit code 1, after the trajectory up to there was written.
     """
-    from oaisys_core.config import adjusted, load_config
+    from oaisys_core.config import adjust, load_config
     from oaisys_core.drive.drive import drive_section
     from oaisys_core.simulation import Simulation
     from oaisys_core.trajectory.files import write_trajectory
     from oaisys_core.trajectory.planning import plan_drive
 
-    chosen = adjusted(load_config(config), seed=seed, backend=backend)
+    chosen = adjust(load_config(config), seed=seed, backend=backend)
     section = drive_section(chosen)
     with own_stdout():
         simulation = Simulation(chosen)
@@ -203,8 +203,8 @@ def _recorded(
     from oaisys_core.drive.recorded_drive import (
         PictureCollector,
         description_of,
+        drive_record,
         drive_through,
-        recorded_drive,
     )
     from oaisys_core.drive.recording import DriveWriter
 
@@ -235,7 +235,7 @@ def _recorded(
         "backend_version": info.backend_version,
         "quality": info.quality,
     }
-    return recorded_drive(
+    return drive_record(
         planned,
         simulation,
         description,

@@ -9,7 +9,7 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, did_you_mean
 from oaisys_core.files.documents import parse_yaml, read_text
-from oaisys_core.geometry import checked_pose
+from oaisys_core.geometry import check_pose
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
 
 _STEPS = ("batch", "samples")
@@ -99,7 +99,7 @@ def _pose(data: object, path: str) -> Pose:
     pose = _mapping(data, path)
     if set(pose) != {"position_m", "quat_xyzw"}:
         raise InvalidInputError(path, dict(pose), "position_m and quat_xyzw")
-    return checked_pose(pose["position_m"], pose["quat_xyzw"], path)
+    return check_pose(pose["position_m"], pose["quat_xyzw"], path)
 
 
 def _names(data: object, path: str) -> tuple[str, ...]:

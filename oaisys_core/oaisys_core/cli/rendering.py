@@ -60,12 +60,12 @@ def render(
     centre, looking down.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
-    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
 
     loaded = load_config(config) if config else SimulationConfig()
-    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     given = {"folder": out, "batches": batches, "samples": samples}
     given |= {"batch_offset": batch_offset, "save_blend": save_blend}
     output = chosen.output.model_copy(update={k: v for k, v in given.items() if v is not None})

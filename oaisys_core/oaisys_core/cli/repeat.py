@@ -55,10 +55,10 @@ def repeat(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import config_from_mapping, load_config
     from oaisys_core.simulation import Simulation
-    from oaisys_core.verification.recorded_samples import chosen_ids, open_records
+    from oaisys_core.verification.recorded_samples import choose_ids, open_records
 
     source = open_records(record)
-    wanted = chosen_ids(source, sample or (), every=every)
+    wanted = choose_ids(source, sample or (), every=every)
     recorded = None if config else source.config_json()
     if config is None and recorded is None:
         expected = (
@@ -87,7 +87,7 @@ def _repeated(
 ) -> bool:
     """Render a sample again, print how it compares, and return whether it is the same."""
     from oaisys_core.config import config_sha256
-    from oaisys_core.verification.recorded_samples import compared
+    from oaisys_core.verification.recorded_samples import compare
 
     outline = record.outline
     how = outline.provenance
@@ -95,16 +95,16 @@ def _repeated(
         expected = f"the configuration of sha256 {how.config_sha256}, as recorded (--config FILE)"
         raise InvalidInputError("config", f"sha256 {config_sha256(config)}", expected)
     again = simulation.repeat(outline)
-    comparisons = compared(record, again, least_psnr_db)
+    comparisons = compare(record, again, least_psnr_db)
     is_same = all(each.is_equal for each in comparisons)
     verdict = "equal" if is_same else "DIFFERENT"
     typer.echo(f"batch {outline.batch_id} sample {outline.sample_id}: {verdict}")
-    for line in (*map(described, comparisons), *_notes(record, again)):
+    for line in (*map(describe, comparisons), *_notes(record, again)):
         typer.echo(f"  {line}")
     return is_same
 
 
-def described(each: Comparison) -> str:
+def describe(each: Comparison) -> str:
     """Return a comparison in words."""
     from oaisys_core.types import POINTS
 

@@ -1,6 +1,6 @@
 """The typed configuration: the only place of defaults and of checks of values."""
 
-from oaisys_core.config.adjusting import adjusted
+from oaisys_core.config.adjusting import adjust
 from oaisys_core.config.loading import (
     canonical_json,
     config_from_mapping,
@@ -35,7 +35,7 @@ __all__ = [
     "SimulationConfig",
     "StageConfig",
     "StereoConfig",
-    "adjusted",
+    "adjust",
     "canonical_json",
     "config_from_mapping",
     "config_sha256",

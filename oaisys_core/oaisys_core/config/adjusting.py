@@ -13,7 +13,7 @@ from oaisys_core.config.sections.sensors import CameraConfig
 from oaisys_core.errors import InvalidInputError
 
 
-def adjusted(
+def adjust(
     config: SimulationConfig,
     *,
     seed: int | None = None,

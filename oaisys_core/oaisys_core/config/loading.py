@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
 from oaisys_core.files.path_fields import BASE
 
@@ -93,7 +93,7 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
         return f"{where}: {path}: unknown key, expected {fault.expected}"
     if fault.kind == MISSING_KEY:
         return f"{where}: {path}: missing, expected a value"
-    received = f"received {quoted(fault.received)}"
+    received = f"received {quote(fault.received)}"
     if fault.statement is None:
         return f"{where}: {path}: {received}, expected {fault.expected}{fault.hint}"
     # Statements about a whole section name the keys; the section itself would be too long.

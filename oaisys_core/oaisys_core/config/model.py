@@ -19,7 +19,7 @@ from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
-from oaisys_core.errors import one_of, quoted
+from oaisys_core.errors import one_of, quote
 
 GENERATOR_VERSION = 11
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
@@ -83,17 +83,17 @@ class SimulationConfig(Section):
     def _one_label_per_id(self) -> SimulationConfig:
         labels: dict[int, str] = {}
         things: list[Labelled] = [
-            *self.materials.labelled,
-            *self.assets.labelled,
-            *self.environment.labelled,
+            *self.materials.items_with_labels,
+            *self.assets.items_with_labels,
+            *self.environment.items_with_labels,
         ]
         for thing in things:
             for semantic_id, label in thing.labels.items():
                 known = labels.setdefault(semantic_id, label)
                 if known != label:
                     raise ValueError(
-                        f"semantic_id {semantic_id} is called both {quoted(known)}"
-                        f" and {quoted(label)}"
+                        f"semantic_id {semantic_id} is called both {quote(known)}"
+                        f" and {quote(label)}"
                     )
         return self
 
@@ -107,6 +107,6 @@ class SimulationConfig(Section):
                     if label not in known:
                         raise ValueError(
                             f"assets.groups.{group.name}.density.{index}.label: received"
-                            f" {quoted(label)}, expected {one_of(known, label)}"
+                            f" {quote(label)}, expected {one_of(known, label)}"
                         )
         return self

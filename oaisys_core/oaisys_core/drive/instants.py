@@ -67,7 +67,7 @@ class DriveTimes:
             for i, time_ns in enumerate(times_ns)
         ]
 
-    def rendered(self, progress: ProgressCallback = ignore_progress) -> Iterator[DriveInstant]:
+    def render(self, progress: ProgressCallback = ignore_progress) -> Iterator[DriveInstant]:
         """Yield what happens at all times, with what cameras and lidars see.
 
         Raises:

@@ -130,7 +130,7 @@ class RecordedDrive(ShortRepr):
     config_text: str = ""
 
     @property
-    def lost(self) -> list[str]:
+    def losses(self) -> list[str]:
         """One sentence for each sensor or topic of which not everything due was written."""
         return [
             f"{output}: {count.written} of {count.due} on {name}"

@@ -75,7 +75,7 @@ def drive_through(
         OaisysError: Rendering or writing failed; the outputs are closed.
     """
     try:
-        for instant in DriveTimes(drive).rendered(progress):
+        for instant in DriveTimes(drive).render(progress):
             for output in outputs.values():
                 output.write(instant)
             for watch in watchers:
@@ -111,7 +111,7 @@ class PictureCollector:
                 self.pictures += [TimedFrame(instant.time_ns, frame) for frame in frames]
 
 
-def recorded_drive(
+def drive_record(
     drive: Drive,
     simulation: Simulation,
     description: DriveDescription,

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oaisys_core.errors import quoted
+from oaisys_core.errors import quote
 
 if TYPE_CHECKING:
     import yaml
@@ -122,14 +122,14 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise DocumentError(f"the key {quoted(twice)} stands there twice")
+        raise DocumentError(f"the key {quote(twice)} stands there twice")
     return found
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise DocumentError(f"{quoted(text)} is not a finite number")
+        raise DocumentError(f"{quote(text)} is not a finite number")
     return number
 
 

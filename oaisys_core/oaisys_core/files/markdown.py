@@ -8,7 +8,7 @@ from html import escape
 _SIGNS = re.compile(r"([\\`*_{}\[\]()#|!~])")
 
 
-def escaped_markdown(text: str) -> str:
+def escape_markdown(text: str) -> str:
     r"""Return Markdown that shows a text as it is, in one line: no HTML, no links, no formatting.
 
     >>> escaped_markdown("<b>sand</b> [a](b)")

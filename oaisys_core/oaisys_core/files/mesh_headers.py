@@ -208,7 +208,7 @@ def _check_nodes(nodes: Sequence[Mapping[str, Any]]) -> None:
         raise ValueError("nodes that are no trees")
 
 
-def embedded_images(document: Mapping[str, Any], binary: bytes) -> Iterator[tuple[str, bytes]]:
+def inner_images(document: Mapping[str, Any], binary: bytes) -> Iterator[tuple[str, bytes]]:
     """Yield name and bytes of the images within a glTF file itself."""
     views = _entries(document, "bufferViews")
     for number, image in enumerate(_entries(document, "images")):

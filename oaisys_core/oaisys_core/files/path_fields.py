@@ -1,7 +1,7 @@
 """Files and folders in configurations and requests.
 
 A configuration may name any file; relative paths start from the folder of the configuration file.
-Paths in requests are `confined` to the asset roots of the server's operator.
+Paths in requests are `confine_paths` to the asset roots of the server's operator.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ValidationInfo
 
-from oaisys_core.errors import quoted
+from oaisys_core.errors import quote
 
 BASE = "base"
 """Key of pydantic's context with the folder from which relative paths start."""
@@ -74,7 +74,7 @@ _confinement: ContextVar[AssetRoots | None] = ContextVar("asset_roots", default=
 
 
 @contextmanager
-def confined(roots: AssetRoots | None) -> Iterator[None]:
+def confine_paths(roots: AssetRoots | None) -> Iterator[None]:
     """Require that all paths that are checked inside this block lie in the roots.
 
     Args:
@@ -131,7 +131,7 @@ def _reason(error: Exception) -> str:
 
 
 def _shown(path: Path) -> str:
-    return quoted(str(path)).strip("'")
+    return quote(str(path)).strip("'")
 
 
 def _holds(test: Callable[[], bool]) -> bool:

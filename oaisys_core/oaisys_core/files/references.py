@@ -32,7 +32,7 @@ def outside_error(file: Path, name: str, field: str) -> InvalidInputError:
     return InvalidInputError(field, str(file), expected)
 
 
-def referenced_file(file: Path, name: str, field: str) -> Path:
+def resolve_reference(file: Path, name: str, field: str) -> Path:
     """Return the path of a file that another one refers to by a relative path.
 
     Raises:

@@ -19,8 +19,8 @@ from oaisys_core.geometry.cameras import (
 from oaisys_core.geometry.distortion import (
     INVERSE_TOLERANCE,
     MIN_MAGNIFICATION,
-    distorted,
-    undistorted,
+    distort,
+    undistort,
 )
 from oaisys_core.geometry.fisheye import fisheye_angle_rad, fisheye_radius
 from oaisys_core.geometry.poses import (
@@ -30,7 +30,7 @@ from oaisys_core.geometry.poses import (
     ROTATION_TOLERANCE,
     T_LINK_OPTICAL,
     T_OPTICAL_BLENDER,
-    checked_pose,
+    check_pose,
     distances_along_m,
     invert,
     is_rigid,
@@ -54,11 +54,11 @@ __all__ = [
     "R_LINK_OPTICAL",
     "T_LINK_OPTICAL",
     "T_OPTICAL_BLENDER",
-    "checked_pose",
+    "check_pose",
     "depth_along_ray_m",
     "depth_to_points",
     "distances_along_m",
-    "distorted",
+    "distort",
     "fisheye_angle_rad",
     "fisheye_radius",
     "invert",
@@ -73,7 +73,7 @@ __all__ = [
     "project",
     "transform",
     "transform_points",
-    "undistorted",
+    "undistort",
     "unproject",
     "xyz",
 ]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.geometry.distortion import MIN_MAGNIFICATION, area_scale, distorted, undistorted
+from oaisys_core.geometry.distortion import MIN_MAGNIFICATION, area_scale, distort, undistort
 from oaisys_core.geometry.fisheye import (
     directions_of,
     fisheye_angle_rad,
@@ -69,7 +69,7 @@ def _lens_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     if intrinsics.is_fisheye:
         rays = directions_of(rays[..., :2], intrinsics.distortion)
     else:
-        rays[..., :2] = undistorted(rays[..., :2], intrinsics.distortion)
+        rays[..., :2] = undistort(rays[..., :2], intrinsics.distortion)
     rays.setflags(write=False)
     return rays
 
@@ -97,14 +97,14 @@ def _lens_image(points_m: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArr
     holds = np.hypot(x, y) <= z * np.interp(azimuth, azimuths, reaches)
     xy = np.full((len(points_m), 2), np.nan)
     np.divide(points_m[:, :2], z[:, None], out=xy, where=(holds & (z > 0))[:, None])
-    return distorted(xy, intrinsics.distortion)
+    return distort(xy, intrinsics.distortion)
 
 
 @lru_cache(maxsize=16)
 def _lens_reach(intrinsics: PinholeIntrinsics) -> tuple[FloatArray, FloatArray]:
     """Return azimuths around the axis, and how far from it the distortion holds there, at z = 1."""
     corners = _image_corners(intrinsics)
-    straight = undistorted(corners, intrinsics.distortion)
+    straight = undistort(corners, intrinsics.distortion)
     farthest = np.linalg.norm(np.where(np.isfinite(straight), straight, corners), axis=1).max()
     azimuths = np.linspace(-np.pi, np.pi, REACH_AZIMUTHS)
     radii = np.linspace(0.0, LENS_REACH * farthest, REACH_RADII)
@@ -152,7 +152,7 @@ def _directions(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray
     xy = _normalised(pixels, intrinsics)
     if intrinsics.is_fisheye:
         return directions_of(xy, intrinsics.distortion)
-    return np.column_stack((undistorted(xy, intrinsics.distortion), np.ones(len(xy))))
+    return np.column_stack((undistort(xy, intrinsics.distortion), np.ones(len(xy))))
 
 
 def _normalised(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:

@@ -28,10 +28,10 @@ The same holds for the slope of a fisheye's radius over the angle.
 """
 
 
-def distorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
+def distort(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
     """Return (..., 2) distorted coordinates at z = 1 of (..., 2) undistorted ones (Brown-Conrady).
 
-    Inverse: `undistorted`. ``distortion`` is (k1, k2, p1, p2, k3), or empty for none.
+    Inverse: `undistort`. ``distortion`` is (k1, k2, p1, p2, k3), or empty for none.
     """
     xy = np.asarray(xy, dtype=np.float64)
     if not any(distortion):
@@ -45,7 +45,7 @@ def distorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
     return np.stack((distorted_x, distorted_y), axis=-1)
 
 
-def undistorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
+def undistort(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
     """Return (..., 2) undistorted coordinates at z = 1 of (..., 2) distorted ones; NaN if none.
 
     Newton's method starts at the centre of the lens and approaches the pixel in small steps, so
@@ -69,12 +69,12 @@ def _undistorted_chunk(target: FloatArray, distortion: tuple[float, ...]) -> Flo
     for share in [share for share in steps for _ in range(2)] + [1.0] * NEWTON_STEPS:
         found = _newton_step(found, share * target, distortion)
     for _ in range(FOLD_STEPS):
-        error = np.abs(distorted(found, distortion) - target).max(axis=1)
+        error = np.abs(distort(found, distortion) - target).max(axis=1)
         far = np.flatnonzero(~(error < INVERSE_TOLERANCE))
         if not len(far):
             break
         found[far] = _newton_step(found[far], target[far], distortion)
-    error = np.abs(distorted(found, distortion) - target).max(axis=1)
+    error = np.abs(distort(found, distortion) - target).max(axis=1)
     is_valid = (area_scale(found, distortion) > MIN_MAGNIFICATION) & (error < INVERSE_TOLERANCE)
     found[~is_valid] = np.nan
     return found
@@ -85,7 +85,7 @@ def _newton_step(
 ) -> FloatArray:
     """Return undistorted points nearer to (N, 2) distorted ones, on this side of a fold."""
     a, b, d = _magnification(found, distortion)
-    u, v = (distorted(found, distortion) - target).T
+    u, v = (distort(found, distortion) - target).T
     step = np.column_stack((d * u - b * v, a * v - b * u)) / (a * d - b * b)[:, None]
     for _ in range(INVERSE_HALVINGS):
         folded = ~(area_scale(found - step, distortion) > MIN_MAGNIFICATION)
@@ -96,7 +96,7 @@ def _newton_step(
 
 
 def area_scale(xy: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
-    """Return the (N,) factors by which `distorted` scales areas; not above 0 beyond a fold."""
+    """Return the (N,) factors by which `distort` scales areas; not above 0 beyond a fold."""
     a, b, d = _magnification(xy, distortion)
     return a * d - b * b
 
@@ -104,7 +104,7 @@ def area_scale(xy: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
 def _magnification(
     xy: FloatArray, distortion: tuple[float, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the (N,) entries xx, xy = yx and yy of the derivative of `distorted`."""
+    """Return the (N,) entries xx, xy = yx and yy of the derivative of `distort`."""
     x, y = xy[:, 0], xy[:, 1]
     k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y

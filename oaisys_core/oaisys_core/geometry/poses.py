@@ -86,7 +86,7 @@ def distances_along_m(places_m: ArrayLike) -> FloatArray:
     return np.append(0.0, np.cumsum(steps_m))
 
 
-def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
+def check_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
     """Return a pose from untrusted numbers, its quaternion normalised.
 
     A quaternion that is normalised stays as it is: dividing it by its norm again may change its

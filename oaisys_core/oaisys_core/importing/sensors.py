@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.documents import MAX_ROW_BYTES, read_text
 from oaisys_core.importing.context import ImportContext
 from oaisys_core.importing.document import Json, entries, part, span
@@ -157,7 +157,7 @@ def _around(general: Json, document: Json, job: ImportContext, targets: dict[str
     name = str(general.get("targetObject", ""))
     target = targets.get(name) or next(iter(targets.values()), None)
     if target is None:
-        job.warn(f"the target object {quoted(name)} does not exist: the rig looks at the origin")
+        job.warn(f"the target object {quote(name)} does not exist: the rig looks at the origin")
         target = {"position_m": [0.0, 0.0, 0.0], "radius_m": 1.0}
     radius_m = target["radius_m"]
     least, most = (
@@ -207,5 +207,5 @@ def _turn_poses(source: Path, target: Path) -> None:
         except (ValueError, IndexError) as error:
             expected = "a frame's number, x, y, z, qw, qx, qy, qz"
             raise ConfigError(
-                f"{source}:{line}: received {quoted(row)}, expected {expected}"
+                f"{source}:{line}: received {quote(row)}, expected {expected}"
             ) from error

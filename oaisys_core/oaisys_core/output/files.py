@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from oaisys_core.errors import RenderError
-from oaisys_core.system.leftovers import removed_when_killed
+from oaisys_core.system.leftovers import remove_when_killed
 
 
 @contextmanager
@@ -23,7 +23,7 @@ def whole(path: Path) -> Iterator[Path]:
             file must not replace; ``path`` is unchanged.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
-    with removed_when_killed(part):
+    with remove_when_killed(part):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             _require_file(path)

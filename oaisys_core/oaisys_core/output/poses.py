@@ -8,7 +8,7 @@ from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_csv
-from oaisys_core.geometry import checked_pose
+from oaisys_core.geometry import check_pose
 from oaisys_core.output.files import append_text, csv_text, write_text
 from oaisys_core.types import Pose
 
@@ -57,7 +57,7 @@ def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
         except (KeyError, TypeError, ValueError) as error:
             expected = f"numbers in the columns {', '.join(POSE_COLUMNS[1:])}"
             raise InvalidInputError(f"{path}:{line}", dict(row), expected) from error
-        poses.append(checked_pose(numbers[:3], numbers[3:], f"{path}:{line}"))
+        poses.append(check_pose(numbers[:3], numbers[3:], f"{path}:{line}"))
     if not poses:
         raise InvalidInputError("poses", str(path), "at least one row below the header")
     return poses

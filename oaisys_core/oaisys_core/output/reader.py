@@ -11,7 +11,7 @@ import numpy as np
 from oaisys_core.files.names import path_inside
 from oaisys_core.output.images import read_image
 from oaisys_core.output.points import read_points
-from oaisys_core.output.record_types import Label, LabelId, SampleFile, checked_as, checked_camera
+from oaisys_core.output.record_types import Label, LabelId, SampleFile, check_as, check_camera
 from oaisys_core.output.records import (
     intrinsics_from_record,
     odometry_from_record,
@@ -46,7 +46,7 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
     """
     path = batch / SAMPLE_DATA / f"{sample_id:04d}.json"
     record = read_json(path)
-    checked_as(SampleFile, record, str(path))
+    check_as(SampleFile, record, str(path))
     frames = tuple(
         Frame(
             sensor,
@@ -79,10 +79,10 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
 def read_intrinsics(batch: Path, sensor: str) -> PinholeIntrinsics:
     """Return the intrinsics of a sensor at its first sample of the batch."""
     path = path_inside(batch, sensor, INTRINSICS)
-    return intrinsics_from_record(checked_camera(read_json(path), str(path)))
+    return intrinsics_from_record(check_camera(read_json(path), str(path)))
 
 
 def read_labels(batch: Path) -> dict[int, str]:
     """Return the label names of a batch by semantic id."""
     path = batch / LABELS
-    return checked_as(_Labels, {"labels": read_json(path)}, str(path)).labels
+    return check_as(_Labels, {"labels": read_json(path)}, str(path)).labels

@@ -1,6 +1,6 @@
 """What the fields of records may be: types, ranges, finite numbers, lengths.
 
-A record is a file that somebody else may have written, such as a line of a manifest. `checked_as`
+A record is a file that somebody else may have written, such as a line of a manifest. `check_as`
 checks one when it is read, so that whatever uses it later meets no surprise.
 """
 
@@ -214,13 +214,13 @@ PoseFields = Annotated[Mapping[str, Any], fields_of(_PoseFields)]
 ProvenanceFields = Annotated[Mapping[str, Any], fields_of(_ProvenanceFields)]
 
 
-def checked_camera(record: Any, name: str) -> Mapping[str, Any]:
-    """Return the record of a camera, see `checked_as`."""
-    checked_as(_CameraFields, record, name)
+def check_camera(record: Any, name: str) -> Mapping[str, Any]:
+    """Return the record of a camera, see `check_as`."""
+    check_as(_CameraFields, record, name)
     return cast("Mapping[str, Any]", record)
 
 
-def checked_as(kind: type[KindT], data: Any, name: str) -> KindT:
+def check_as(kind: type[KindT], data: Any, name: str) -> KindT:
     """Return data as a type whose annotations are those of this module.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError, quoted
+from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.output.files import write_text
 from oaisys_core.scene.rig_motion import RigMotion
@@ -98,11 +98,11 @@ def previous_rig_poses(provenance: Provenance) -> dict[str, Pose]:
     try:
         return {name: pose_from_record(pose) for name, pose in parse_json(text).items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        expected = f"the JSON of poses by the sensor's name ({quoted(error)})"
+        expected = f"the JSON of poses by the sensor's name ({quote(error)})"
         raise InvalidInputError("provenance.previous_poses_json", text[:80], expected) from error
 
 
-def recorded_motion(provenance: Provenance) -> RigMotion | None:
+def motion_to_record(provenance: Provenance) -> RigMotion | None:
     """Return the rig's motion during a sample; None if nothing measured depends on it.
 
     Raises:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
 from oaisys_core.system.fallbacks import report_fallback
-from oaisys_core.system.interruption import stop_if_unwanted, wanted_check
+from oaisys_core.system.interruption import make_wanted_check, stop_if_unwanted
 
 Image = NDArray[np.float32]
 
@@ -159,7 +159,7 @@ class _Filter:
         """
         for name, image in images.items():
             self._images[name][...] = image[..., :3]
-        is_wanted = wanted_check()
+        is_wanted = make_wanted_check()
         monitor = _ProgressMonitor(lambda _pointer, _share: is_wanted())
         self._library.oidnSetFilterProgressMonitorFunction(self._handle, monitor, None)
         self._library.oidnExecuteFilter(self._handle)

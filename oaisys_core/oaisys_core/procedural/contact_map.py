@@ -115,7 +115,7 @@ def contact_map(scene: Scene) -> ContactMap | None:
     share = np.zeros((size_px, size_px), np.uint8)
     for width, value in RIMS:
         for each in outlines:
-            for polygon in pixels(each.widened_m(width)):
+            for polygon in pixels(each.wider_outlines_m(width)):
                 cv2.fillPoly(share, [polygon], value, cv2.LINE_8, FIXED_POINT_BITS)
     drawn = [np.zeros_like(share) for _ in range(MAX_TRACKS if scene.tracks else 0)]
     for canvas, track in zip(drawn, scene.tracks, strict=False):
@@ -172,7 +172,7 @@ class Outlines(NamedTuple):
     reach_m: FloatArray
     uphill_m: FloatArray
 
-    def widened_m(self, width: float) -> FloatArray:
+    def wider_outlines_m(self, width: float) -> FloatArray:
         """Return the (N, SECTORS, 2) outlines in ``map``, farther out by a share of the reach."""
         length_m = np.linalg.norm(self.corners_m, axis=-1, keepdims=True)
         factor = 1 + width * self.reach_m[..., None] / np.maximum(length_m, 1e-9)

@@ -34,7 +34,7 @@ from oaisys_core.config.sections.lidars import (
     RosetteScanConfig,
     RotatingScanConfig,
 )
-from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.documents import read_csv
 from oaisys_core.scene import ScanPattern
 from oaisys_core.types import FloatArray
@@ -140,7 +140,7 @@ def _read(path: Path) -> tuple[FloatArray, FloatArray, NDArray[np.uint16]]:
         rings = np.array([int(row.get("ring") or 0) for row in rows])
     except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         expected = f"a CSV file with numbers in the columns {', '.join(CSV_COLUMNS)}"
-        raise ConfigError(f"{path}: expected {expected} ({quoted(error)})") from error
+        raise ConfigError(f"{path}: expected {expected} ({quote(error)})") from error
     if not 0 < len(values) <= MAX_RAYS:
         raise ConfigError(f"{path}: {len(values)} rays, expected 1 to {MAX_RAYS}")
     if not np.isfinite(values).all() or values[:, 2].min() < 0:

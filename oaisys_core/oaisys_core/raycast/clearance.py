@@ -26,7 +26,7 @@ ROUNDING_M = 1e-6
 one is: what was admitted is admitted again as it is."""
 
 
-def admitted_pose(
+def admit_pose(
     pose: Pose,
     sensors: Sequence[SensorInfo],
     heights: HeightLookup,

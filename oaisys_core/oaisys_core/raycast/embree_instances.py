@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from oaisys_core.private.embree import INVALID_ID, Embree
 from oaisys_core.raycast.instances import InstanceTarget, keep_nearest, matvec
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
-from oaisys_core.raycast.triangles import refined
+from oaisys_core.raycast.triangles import exact_distances
 from oaisys_core.types import FloatArray
 
 
@@ -56,7 +56,7 @@ class EmbreeInstanceTarget(InstanceTarget):
         planes = self._first_plane[groups] + triangles
         T = self.T_object_map[instances]
         origins = np.broadcast_to(origins_m, directions.shape)[rays]
-        distances = refined(
+        distances = exact_distances(
             coarse[rays].astype(np.float64),
             self._corners[planes],
             self._normals[planes],

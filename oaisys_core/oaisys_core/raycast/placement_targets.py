@@ -65,7 +65,7 @@ class PlacementTargets:
 
     def meshes(self) -> list[TriangleMesh]:
         """Return the meshes of all placements, with ids per triangle."""
-        return [each.merged() for each in (*self._static, *self._moving)]
+        return [each.merge() for each in (*self._static, *self._moving)]
 
     def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
         self._merged = None
@@ -73,7 +73,7 @@ class PlacementTargets:
             return []
         triangles = sum(each.triangle_count for each in placed)
         if self._embree is None and triangles <= MERGED_TRIANGLES:
-            self._merged = TriangleTarget([each.merged() for each in placed])
+            self._merged = TriangleTarget([each.merge() for each in placed])
             return [self._merged]
         return [self._instances(placed)]
 

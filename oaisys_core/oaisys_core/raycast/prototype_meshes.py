@@ -59,15 +59,15 @@ class PlacedPrototype:
         """Number of triangles of all instances."""
         return self.mesh.triangle_count * len(self.placement.T_map_object)
 
-    def merged(self) -> TriangleMesh:
+    def merge(self) -> TriangleMesh:
         """Return one mesh of all instances, with ids per triangle."""
         mesh = TriangleMesh(self.mesh.vertices_m, self.mesh.prototype.triangles)
         placement = self.placement
         ids = placement.semantic_ids, placement.instance_ids
-        return merged_instances(mesh, placement.T_map_object, *ids)
+        return merge_instances(mesh, placement.T_map_object, *ids)
 
 
-def merged_instances(
+def merge_instances(
     mesh: TriangleMesh,
     T_map_object: FloatArray,
     semantic_ids: Sequence[int],

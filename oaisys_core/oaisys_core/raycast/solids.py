@@ -157,7 +157,7 @@ def flat_ground(ground: Ground) -> Rectangle | None:
     return None
 
 
-def tessellated(primitive: Primitive) -> TriangleMesh:
+def tessellate(primitive: Primitive) -> TriangleMesh:
     """Return the triangles of a primitive in its own frame, counter-clockwise from outside.
 
     A sphere's vertices lie on it; its triangles deviate by at most `TESSELLATION_ERROR_M`.

@@ -14,8 +14,8 @@ from oaisys_core.geometry import pixel_rays
 from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.far_ground import FarGroundTarget
 from oaisys_core.raycast.placement_targets import PlacementTargets
-from oaisys_core.raycast.prototype_meshes import merged_instances
-from oaisys_core.raycast.solids import SolidTarget, flat_ground, target_of, tessellated
+from oaisys_core.raycast.prototype_meshes import merge_instances
+from oaisys_core.raycast.solids import SolidTarget, flat_ground, target_of, tessellate
 from oaisys_core.raycast.triangles import (
     BvhBuilder,
     HeightFieldTarget,
@@ -309,8 +309,8 @@ class Surface:
             instance_ids=np.zeros(len(ground.triangles), dtype=np.uint32),
         )
         solids = [
-            merged_instances(
-                tessellated(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id])
+            merge_instances(
+                tessellate(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id])
             )
             for p in self._scene.primitives
         ]

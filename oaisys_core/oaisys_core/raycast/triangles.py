@@ -152,7 +152,7 @@ class TriangleTarget(RayTarget):
         elements = np.where(hit, triangles.astype(np.int64).reshape(shape), NO_ELEMENT)
         corners, normals = self._planes(elements[hit])
         origins = local_m if local_m.ndim == 1 else local_m[hit]
-        distances[hit] = refined(distances[hit], corners, normals, origins, directions[hit])
+        distances[hit] = exact_distances(distances[hit], corners, normals, origins, directions[hit])
         return distances, elements
 
     def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
@@ -209,7 +209,7 @@ class HeightFieldTarget(TriangleTarget):
             yield np.stack(places, axis=1).astype(np.float64)
 
 
-def refined(
+def exact_distances(
     coarse: FloatArray,
     corners: FloatArray,
     normals: FloatArray,

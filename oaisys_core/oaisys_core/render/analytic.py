@@ -8,17 +8,17 @@ import numpy as np
 
 import oaisys_core
 from oaisys_core import randomness
-from oaisys_core.color import encoded
+from oaisys_core.color import encode_srgb
 from oaisys_core.errors import NotReadyError
 from oaisys_core.procedural.environment.light import white_gains
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.geometry_pass import PoseMemory, frame_of, frames_of
 from oaisys_core.render.lidar import LidarCaster
-from oaisys_core.render.shading.shading import Palette, shaded
+from oaisys_core.render.shading.shading import Palette, shade
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects
-from oaisys_core.sensing.exposure import metered_ev
+from oaisys_core.sensing.exposure import meter_ev
 from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
@@ -108,8 +108,8 @@ class AnalyticBackend(Backend):
         """See `Backend.scan`."""
         return self._lidars.scan(self._built()[0], lidar, capture)
 
-    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
-        """See `Backend.revisited`."""
+    def note_revisit(self, cameras: Sequence[PlacedCamera]) -> None:
+        """See `Backend.note_revisit`."""
         self._memory.remember(cameras, self._built()[0].scene)
 
     def withdrawn(self) -> None:
@@ -147,18 +147,18 @@ def _colors(
     """Return the frames of a view that show colours, and note the exposure of its picture."""
     frames = []
     if RGB in camera.modalities:
-        radiance = shaded(view, surface.normals(view), palette, surface.scene)
+        radiance = shade(view, surface.normals(view), palette, surface.scene)
         if settings.white_balance == "illuminant":
             radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
         exposure_ev = settings.exposure_ev
         if exposure_ev is None:
             picture = radiance.astype(np.float32)
-            exposure_ev = metered_ev(picture, view.is_hit, settings.auto_exposure)
+            exposure_ev = meter_ev(picture, view.is_hit, settings.auto_exposure)
         exposures_ev[camera.name] = exposure_ev
-        image = encoded(radiance * 2.0**exposure_ev)
+        image = encode_srgb(radiance * 2.0**exposure_ev)
         rng = randomness.stream(settings.noise_seed, camera.name)
         image = with_effects(image, settings.effects, camera.intrinsics, rng)
         frames.append(frame_of(camera, RGB, image))
     if ALBEDO in camera.modalities:
-        frames.append(frame_of(camera, ALBEDO, encoded(palette.albedo(view))))
+        frames.append(frame_of(camera, ALBEDO, encode_srgb(palette.albedo(view))))
     return tuple(frames)

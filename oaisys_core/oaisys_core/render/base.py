@@ -54,7 +54,7 @@ class FrameGroup:
         ready = tuple(frames)
         return cls(lambda: ready, scans=tuple(scans))
 
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Return whether `result` returns without waiting for another thread."""
         return self._done()
 
@@ -69,7 +69,7 @@ class FrameGroup:
                 self._frames = self._compute()
             return self._frames
 
-    def mapped(self, change: Callable[[tuple[Frame, ...]], tuple[Frame, ...]]) -> FrameGroup:
+    def map_frames(self, change: Callable[[tuple[Frame, ...]], tuple[Frame, ...]]) -> FrameGroup:
         """Return the group of the changed frames; ``change`` is called when they are asked for."""
         return FrameGroup(lambda: change(self.result()), self._done, self.scans)
 
@@ -152,7 +152,7 @@ class Backend(ABC):
         return _in_order(cameras, [frame for group in groups for frame in group.result()])
 
     @abstractmethod
-    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
+    def note_revisit(self, cameras: Sequence[PlacedCamera]) -> None:
         """Note that these views came from the cache and were not rendered."""
 
     def withdrawn(self) -> None:  # noqa: B027 - most backends remember nothing of a sample

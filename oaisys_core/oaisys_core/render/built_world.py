@@ -162,7 +162,7 @@ class BuiltWorld:
         batch = self._current()
         metadata = metadata or ModuleMetadata()
         self._modules.check(metadata, is_batch=False)
-        return self._modules.assets.listed(batch.world, metadata.asset, query)
+        return self._modules.assets.list_objects(batch.world, metadata.asset, query)
 
     def height_grid(
         self,
@@ -279,7 +279,7 @@ class BuiltWorld:
         if "pose" not in sensor and self._sensors.moves_itself:
             return metadata if policy is None else replace(metadata, sensor=sensor)
         pose = sensor.get("pose") or require(self._sensors.rig_pose)
-        sensor["pose"] = self._sensors.admitted(pose, batch.world, self._stage_height, policy)
+        sensor["pose"] = self._sensors.admit(pose, batch.world, self._stage_height, policy)
         return replace(metadata, sensor=sensor)
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:

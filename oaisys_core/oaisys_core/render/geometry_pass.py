@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import extensions
-from oaisys_core.errors import ConfigError, RenderError, quoted
+from oaisys_core.errors import ConfigError, RenderError, quote
 from oaisys_core.geometry import invert, project, transform_points
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import FrameGroup
@@ -66,7 +66,7 @@ def compute_extension_pass(
     kind = extensions.load(extensions.PASSES, modality)
     if not (isinstance(kind, type) and issubclass(kind, GeometryPass)):
         raise ConfigError(
-            f"{extensions.PASSES}: {quoted(modality)} is {quoted(kind)}, expected a GeometryPass"
+            f"{extensions.PASSES}: {quote(modality)} is {quote(kind)}, expected a GeometryPass"
         )
     image = kind().compute(surface, view, camera)
     shape = view.depth_m.shape + ((kind.spec.channels,) if kind.spec.channels > 1 else ())

@@ -102,7 +102,7 @@ class LidarCaster:
             returns, hits = _beam_returns(surface, reflectance, lidar)
         else:
             returns, hits = _ray_returns(surface, reflectance, lidar)
-        returns = measured_returns(returns, lidar, capture)
+        returns = measure_returns(returns, lidar, capture)
         points = _points(returns, lidar)
         view = hits.view.rows(returns.hits)
         if "instance" in lidar.extra_fields:
@@ -137,7 +137,7 @@ def rays_in_map(lidar: PlacedLidar, directions: FloatArray) -> tuple[FloatArray,
     return poses[:, :3, 3], np.einsum("nij,nj->ni", poses[:, :3, :3], directions)
 
 
-def measured_returns(returns: Returns, lidar: PlacedLidar, capture: CaptureId) -> Returns:
+def measure_returns(returns: Returns, lidar: PlacedLidar, capture: CaptureId) -> Returns:
     """Return what a lidar measures of true returns: with its errors, within its range."""
     errors = lidar.errors
     if errors.drop_from_rad is not None:

@@ -11,7 +11,7 @@ from oaisys_core.errors import RenderError
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.view_cache import RenderedView, ViewCache
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
-from oaisys_core.sensing.faults import CaptureId, DepthFaults, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     DEPTH,
@@ -85,12 +85,12 @@ class ViewRenderer:
         finished_ns = time.monotonic_ns()
         if view is not None:
             yield outline, FrameGroup.of(early_first(view.frames))
-            self._backend.revisited(cameras)
+            self._backend.note_revisit(cameras)
         else:
             groups = []
             for rendered in self._backend.render(cameras, settings, progress):
                 finished_ns = time.monotonic_ns()
-                groups.append(rendered.mapped(lambda f: self._measured(f, faults, outline)))
+                groups.append(rendered.map_frames(lambda f: self._measured(f, faults, outline)))
                 yield outline, groups[-1]
             view = self._rendered_view(outline, groups, settings)
             self._cache.add(key, view)
@@ -127,7 +127,7 @@ class ViewRenderer:
                 CaptureId(outline.batch_id, outline.sample_id, frame.sensor) for frame in frames
             ]
             measured = zip(frames, captures, strict=True)
-            frames = tuple(measured_frame(frame, faults, capture) for frame, capture in measured)
+            frames = tuple(measure_frame(frame, faults, capture) for frame, capture in measured)
         return self._place_frames(frames)
 
     def _rendered_view(

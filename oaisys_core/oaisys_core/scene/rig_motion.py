@@ -71,7 +71,7 @@ class RigMotion(ShortRepr):
         T[:, :3, 3] = scipy.interpolate.PPoly(self.positions, self.knots_s)(inside_s)
         return T
 
-    def begun_earlier(self, duration_s: float) -> RigMotion:
+    def with_earlier_start(self, duration_s: float) -> RigMotion:
         """Return the same motion after a piece with the velocity and angular rate of its start."""
         from scipy.spatial.transform import Rotation
 

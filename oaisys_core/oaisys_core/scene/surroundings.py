@@ -127,7 +127,7 @@ class LandMasks(Protocol):
     def share_at(self, xy_m: FloatArray) -> FloatArray:
         """Return (...) weights of these masks over the stage's, mirrored, at (..., 2) points."""
 
-    def blended(self, xy_m: FloatArray, weights: FloatArray) -> FloatArray:
+    def blend(self, xy_m: FloatArray, weights: FloatArray) -> FloatArray:
         """Return (N, L) weights at (N, 2) points; ``weights`` are those of the stage's masks."""
 
 

@@ -159,7 +159,7 @@ class TerrainMaterial:
         )
         lower, upper = m00 * (1 - s) + m10 * s, m01 * (1 - s) + m11 * s
         weights = np.asarray(lower * (1 - t) + upper * t).T
-        return weights if self.land is None else self.land.blended(xy, weights)
+        return weights if self.land is None else self.land.blend(xy, weights)
 
     @cached_property
     def _flat_masks(self) -> NDArray[np.float32]:

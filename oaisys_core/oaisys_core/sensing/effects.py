@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import encoded, linear
+from oaisys_core.color import encode_srgb, linear
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import PinholeIntrinsics
 
@@ -85,7 +85,7 @@ def with_effects(
         image = image * _falloff(intrinsics, effects.vignetting)
     if effects.noise is not None:
         image = _noisy(image, effects.noise, rng)
-    return encoded(np.asarray(image, np.float64))
+    return encode_srgb(np.asarray(image, np.float64))
 
 
 def _aberrated(image: Image, share: float, intrinsics: PinholeIntrinsics) -> Image:

@@ -58,7 +58,7 @@ class AutoExposure:
 STANDARD_METER = AutoExposure()
 
 
-def metered_ev(
+def meter_ev(
     radiance: Image,
     is_surface: NDArray[np.bool_],
     meter: AutoExposure,

@@ -91,7 +91,7 @@ def generator(seed: int, purpose: str, *capture: int | str) -> np.random.Generat
     return np.random.default_rng(np.random.SeedSequence([seed, key]))
 
 
-def measured_depth(
+def measure_depth(
     depth_m: DepthImage, fx_px: float, faults: DepthFaults, capture: CaptureId
 ) -> DepthImage:
     """Return the depth image that a faulty sensor measures of a true (H, W) planar depth image.
@@ -121,7 +121,7 @@ def measured_depth(
     return measured_m
 
 
-def measured_frame(frame: Frame, faults: DepthFaults, capture: CaptureId) -> Frame:
+def measure_frame(frame: Frame, faults: DepthFaults, capture: CaptureId) -> Frame:
     """Return the frame that a faulty sensor measures instead of the true one.
 
     Depth and range have the same errors; other modalities have none.
@@ -130,10 +130,10 @@ def measured_frame(frame: Frame, faults: DepthFaults, capture: CaptureId) -> Fra
         return frame
     fx_px = frame.intrinsics.fx_px
     if frame.modality == DEPTH:
-        return replace(frame, data=measured_depth(frame.data, fx_px, faults, capture))
+        return replace(frame, data=measure_depth(frame.data, fx_px, faults, capture))
     lengths = np.linalg.norm(pixel_rays(frame.intrinsics), axis=-1)
     depth_m = (frame.data / lengths).astype(np.float32)
-    range_m = measured_depth(depth_m, fx_px, faults, capture) * lengths
+    range_m = measure_depth(depth_m, fx_px, faults, capture) * lengths
     return replace(frame, data=range_m.astype(np.float32))
 
 
@@ -214,7 +214,7 @@ class PoseDrift:
             there: FloatArray = sums[max(sample_id, 1) - 1]
             return there
 
-    def drifted(
+    def estimate(
         self, pose: Pose, sigmas: tuple[float, float], seed: int, batch_id: int, sample_id: int
     ) -> Pose:
         """Return the pose that a robot estimates instead of the true one.
@@ -240,9 +240,9 @@ class PoseDrift:
     def odometry(
         self, pose: Pose, sigmas: tuple[float, float], seed: int, batch_id: int, sample_id: int
     ) -> Odometry:
-        """Return the drifted pose with its standard deviations; see `drifted`."""
+        """Return the drifted pose with its standard deviations; see `estimate`."""
         root = (max(sample_id, 1) - 1) ** 0.5
-        drifted = self.drifted(pose, sigmas, seed, batch_id, sample_id)
+        drifted = self.estimate(pose, sigmas, seed, batch_id, sample_id)
         return Odometry(drifted, sigmas[0] * root, sigmas[1] * root)
 
 

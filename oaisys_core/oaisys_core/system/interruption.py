@@ -43,7 +43,7 @@ def stop_if_unwanted() -> None:
     _CHECK.get()()
 
 
-def wanted_check() -> Callable[[], bool]:
+def make_wanted_check() -> Callable[[], bool]:
     """Return a function that says, on any thread, whether the caller's result is still wanted."""
     check = _CHECK.get()
 
@@ -58,7 +58,7 @@ def wanted_check() -> Callable[[], bool]:
 
 
 @contextmanager
-def stopped_by(stop: Callable[[], None]) -> Iterator[None]:
+def stop_when_unwanted(stop: Callable[[], None]) -> Iterator[None]:
     """Call ``stop`` on a second thread while the result of the block is unwanted.
 
     It is called every 0.05 s until the block ends. The block then ends without an error: call
@@ -67,7 +67,7 @@ def stopped_by(stop: Callable[[], None]) -> Iterator[None]:
     if _CHECK.get() is _go_on:
         yield
         return
-    is_wanted = wanted_check()
+    is_wanted = make_wanted_check()
     ended = threading.Event()
 
     def look() -> None:

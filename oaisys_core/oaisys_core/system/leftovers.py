@@ -88,7 +88,7 @@ def temporary_folder(prefix: str, parent: str | Path | None = None) -> Iterator[
     # Written down before it is made, so that there is no moment in which it could stay.
     name = f"{prefix}{secrets.token_hex(4)}"
     folder = Path(tempfile.gettempdir() if parent is None else parent, name)
-    with removed_when_killed(folder):
+    with remove_when_killed(folder):
         folder.mkdir(mode=0o700)
         try:
             yield folder
@@ -110,7 +110,7 @@ def keep_temporary_files() -> None:
 
 
 @contextmanager
-def removed_when_killed(path: Path) -> Iterator[Path]:
+def remove_when_killed(path: Path) -> Iterator[Path]:
     """Yield a path that is not to be left where the process is killed within the block.
 
     The block itself removes it, or renames it, in every other case.

@@ -9,7 +9,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import MAX_ROW_BYTES, read_csv, read_text
-from oaisys_core.geometry import checked_pose
+from oaisys_core.geometry import check_pose
 from oaisys_core.output.files import write_text
 from oaisys_core.output.poses import MAX_POSES, POSE_COLUMNS
 from oaisys_core.trajectory.trajectory import Trajectory
@@ -91,5 +91,5 @@ def _row(where: str, texts: Sequence[str | None]) -> list[float]:
     if len(numbers) != len(TRAJECTORY_COLUMNS):
         expected = f"the {len(TRAJECTORY_COLUMNS)} numbers {', '.join(TRAJECTORY_COLUMNS)}"
         raise InvalidInputError(where, list(texts), expected)
-    checked_pose(numbers[1:4], numbers[4:], where)
+    check_pose(numbers[1:4], numbers[4:], where)
     return numbers

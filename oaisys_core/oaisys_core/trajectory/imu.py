@@ -34,7 +34,7 @@ class ImuMeasurements(ShortRepr):
 
 def imu_info(imu: ImuConfig) -> ImuInfo:
     """Return an IMU as clients see it."""
-    mount = geometry.checked_pose(
+    mount = geometry.check_pose(
         imu.mount_position_m, imu.mount_quat_xyzw, f"sensors.imus.{imu.name}.mount"
     )
     root = imu.rate_hz**0.5

@@ -112,7 +112,7 @@ WAY_KEYS = ("waypoints_m", "waypoints_file")
 """Keys of a drive that say where it leads; a new one replaces all of them, and the duration."""
 
 
-def changed_drive(configured: DriveConfig | None, changes: Mapping[str, Any]) -> DriveConfig:
+def change_drive(configured: DriveConfig | None, changes: Mapping[str, Any]) -> DriveConfig:
     """Return the configured drive with some keys replaced, as a request gives them.
 
     Raises:

@@ -113,7 +113,7 @@ class Trajectory:
         T[:, 3, 3] = 1.0
         return T
 
-    def mounted(self, T_base_sensor: ArrayLike) -> TransformAt:
+    def mount(self, T_base_sensor: ArrayLike) -> TransformAt:
         """Return the function from (N,) times to (N, 4, 4) poses of a sensor in ``map``.
 
         Args:
@@ -152,7 +152,7 @@ class Trajectory:
             turns=np.asarray(self._rotations.interpolator.c[:, low:high]),
         )
         earlier_s = -(begin_s + first_s)
-        return motion.begun_earlier(earlier_s) if earlier_s > 0 else motion
+        return motion.with_earlier_start(earlier_s) if earlier_s > 0 else motion
 
     def _since_start(self, times_s: ArrayLike) -> FloatArray:
         """Return times since the start.

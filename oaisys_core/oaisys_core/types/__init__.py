@@ -16,7 +16,7 @@ from oaisys_core.types.drives import (
 )
 from oaisys_core.types.heights import HeightGrid, HeightQuery
 from oaisys_core.types.meshes import TriangleMesh, merge_meshes
-from oaisys_core.types.metadata import OWN_PARTS, ModuleMetadata, merged
+from oaisys_core.types.metadata import OWN_PARTS, ModuleMetadata, merge
 from oaisys_core.types.modalities import (
     ALBEDO,
     COLORS,
@@ -30,8 +30,8 @@ from oaisys_core.types.modalities import (
     RGB,
     SEMANTIC_0,
     ModalitySpec,
-    expected_modality,
     is_rendered,
+    modality_expectation,
     modality_spec,
     semantic_level,
 )
@@ -102,11 +102,11 @@ __all__ = [
     "TriangleMesh",
     "Twist",
     "early_first",
-    "expected_modality",
     "ignore_progress",
     "is_rendered",
+    "merge",
     "merge_meshes",
-    "merged",
+    "modality_expectation",
     "modality_spec",
     "point_dtype",
     "semantic_level",

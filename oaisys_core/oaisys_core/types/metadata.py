@@ -30,24 +30,24 @@ class ModuleMetadata:
         part = getattr(self, name) if name in OWN_PARTS else self.custom.get(name)
         return part
 
-    def updated(self, later: ModuleMetadata) -> ModuleMetadata:
+    def with_update(self, later: ModuleMetadata) -> ModuleMetadata:
         """Return this metadata with ``later`` applied.
 
         Nested mappings are merged key by key; any other value replaces the earlier one.
         """
         return ModuleMetadata(
-            sensor=merged(self.sensor, later.sensor),
-            environment=merged(self.environment, later.environment),
-            asset=merged(self.asset, later.asset),
-            render=merged(self.render, later.render),
-            custom=merged(self.custom, later.custom),
+            sensor=merge(self.sensor, later.sensor),
+            environment=merge(self.environment, later.environment),
+            asset=merge(self.asset, later.asset),
+            render=merge(self.render, later.render),
+            custom=merge(self.custom, later.custom),
         )
 
 
-def merged(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -> dict[str, Any]:
+def merge(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return two mappings merged at any depth; values of ``later`` replace earlier ones."""
     result = dict(earlier or {})
     for key, value in (later or {}).items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = merged(result[key], value) if both else value
+        result[key] = merge(result[key], value) if both else value
     return result

@@ -94,7 +94,7 @@ def modality_spec(modality: str) -> ModalitySpec:
     return _MODALITIES[modality]
 
 
-def expected_modality(received: str) -> str:
+def modality_expectation(received: str) -> str:
     """Return the text after "expected" in the error about a modality that does not exist."""
     levels = [f"semantic_{level}" for level in range(10)]
     passes = extensions.names(extensions.PASSES)

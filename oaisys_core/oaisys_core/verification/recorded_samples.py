@@ -117,7 +117,7 @@ def _folder_records(path: Path) -> FolderRecords | None:
     return FolderRecords(files, path) if files else None
 
 
-def chosen_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> list[SampleId]:
+def choose_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> list[SampleId]:
     """Return the ids of samples named ``BATCH/SAMPLE``; without names the newest one, or all.
 
     Raises:
@@ -163,7 +163,7 @@ class Comparison(NamedTuple):
     is_equal: bool
 
 
-def compared(record: RecordedSample, again: Sample, least_psnr_db: float) -> list[Comparison]:
+def compare(record: RecordedSample, again: Sample, least_psnr_db: float) -> list[Comparison]:
     """Compare the frames and scans of a record with the same rendered again.
 
     Raises:
@@ -177,7 +177,7 @@ def compared(record: RecordedSample, again: Sample, least_psnr_db: float) -> lis
         _compared(old, record.recorded(again.frame(old.sensor, old.modality)), least_psnr_db)
         for old in record.frames
     ]
-    return images + [compared_scan(old, again.scan(old.sensor)) for old in record.scans]
+    return images + [compare_scan(old, again.scan(old.sensor)) for old in record.scans]
 
 
 def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
@@ -195,7 +195,7 @@ def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
     return Comparison(name, pixels, different_px, None, is_equal)
 
 
-def compared_scan(old: LidarScan, new: LidarScan) -> Comparison:
+def compare_scan(old: LidarScan, new: LidarScan) -> Comparison:
     """Compare a recorded scan with the same scan made again, point by point."""
     name = FrameName(old.sensor, POINTS)
     if (old.data.shape, old.data.dtype) != (new.data.shape, new.data.dtype):

@@ -77,7 +77,7 @@ class ReferenceScene:
         rays = _camera_rays(intrinsics)
         R, origin_m = T_map_camera[:3, :3], T_map_camera[:3, 3]
         boxes = [_box_of(rays[window]) for window in windows]
-        seen = self._groups.seen_in(R, origin_m, boxes)
+        seen = self._groups.visible_in(R, origin_m, boxes)
         used, corners = np.unique(self._triangles[seen], return_inverse=True)
         points_m = (self._vertices_m[used] - origin_m) @ R
         caster = NumpyCaster(points_m, corners.reshape(-1, 3))

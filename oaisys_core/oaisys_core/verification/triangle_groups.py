@@ -42,7 +42,7 @@ class TriangleGroups:
             self._low_m[groups] = np.minimum.reduceat(corners_m.min(axis=1), starts)
             self._high_m[groups] = np.maximum.reduceat(corners_m.max(axis=1), starts)
 
-    def seen_in(
+    def visible_in(
         self, R: FloatArray, origin_m: FloatArray, boxes: Iterable[FloatArray]
     ) -> NDArray[np.int64]:
         """Return the indices of all triangles that a camera may see in parts of its image.

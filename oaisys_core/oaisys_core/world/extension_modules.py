@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from oaisys_core import extensions
 from oaisys_core.config.expectations import faults_of
 from oaisys_core.config.section import Section
-from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.errors import ConfigError, quote
 from oaisys_core.world.module import Module
 
 BUILT_IN = frozenset(
@@ -55,19 +55,17 @@ def _made(name: str, options: Mapping[str, Any]) -> ExtensionModule:
         )
     kind = extensions.load(extensions.MODULES, name)
     if not (isinstance(kind, type) and issubclass(kind, ExtensionModule)):
-        raise ConfigError(
-            f"extensions.{name}: received {quoted(kind)}, expected an ExtensionModule"
-        )
+        raise ConfigError(f"extensions.{name}: received {quote(kind)}, expected an ExtensionModule")
     if kind.name != name:
         raise ConfigError(
-            f"extensions.{name}: its class has the name {quoted(kind.name)}, expected the same name"
+            f"extensions.{name}: its class has the name {quote(kind.name)}, expected the same name"
         )
     try:
         return kind(kind.options_type.model_validate(dict(options)))
     except ValidationError as error:
         faults = [
             ".".join(("extensions", name, *map(str, fault.location)))
-            + f": received {quoted(fault.received)}, expected {fault.expected}{fault.hint}"
+            + f": received {quote(fault.received)}, expected {fault.expected}{fault.hint}"
             for fault in faults_of(error, options, kind.options_type)
         ]
         raise ConfigError("\n".join(faults)) from error

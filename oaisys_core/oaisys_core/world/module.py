@@ -30,7 +30,7 @@ from oaisys_core.scene import (
     WheelTracks,
 )
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import FloatArray, GroupCount, merged
+from oaisys_core.types import FloatArray, GroupCount, merge
 
 Metadata = Mapping[str, Any] | None
 """The part of a step's metadata that a module receives, or None."""
@@ -126,7 +126,7 @@ class World:
             self.far_ground = self.surroundings.around(require(self.ground), self.far_ground)
         prototypes, placements = self.prototypes, self.placements
         if self.water is not None:
-            prototypes, placements = self.water.joined(prototypes, placements)
+            prototypes, placements = self.water.join(prototypes, placements)
         return Scene(
             ground=self.surface,
             material=require(self.material),
@@ -208,10 +208,10 @@ class Module(ABC):
         """Update what changes from sample to sample."""
 
 
-def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
+def override(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     """Return ``section`` with the fields in ``metadata`` replaced.
 
-    Nested mappings are merged key by key, as in `ModuleMetadata.updated`.
+    Nested mappings are merged key by key, as in `ModuleMetadata.with_update`.
 
     Raises:
         InvalidInputError: A key is unknown or a value is invalid; its path starts with
@@ -219,7 +219,7 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     """
     if not metadata:
         return section
-    data = merged(section.model_dump(), metadata)
+    data = merge(section.model_dump(), metadata)
     try:
         return type(section).model_validate(data)
     except ValidationError as error:
@@ -227,7 +227,7 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
 
 
 def differing(section: Section, changed: Section) -> dict[str, Any]:
-    """Return, as JSON-compatible data, the fields that `overridden` needs to make ``changed``."""
+    """Return, as JSON-compatible data, the fields that `override` needs to make ``changed``."""
     if changed is section:
         return {}
     before, after = section.model_dump(mode="json"), changed.model_dump(mode="json")
@@ -250,11 +250,11 @@ class SectionModule(Module, Generic[SectionT]):
 
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys and invalid values."""
-        overridden(self._now, metadata, self.metadata_part)
+        override(self._now, metadata, self.metadata_part)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Start a batch with the configuration, changed by the metadata."""
-        self._now = overridden(self._config, metadata, self.metadata_part)
+        self._now = override(self._config, metadata, self.metadata_part)
         self.apply(world, self._now)
 
     def in_force(self, metadata: Metadata) -> Metadata:
@@ -267,5 +267,5 @@ class SectionModule(Module, Generic[SectionT]):
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Apply the metadata to this and the following samples."""
-        self._now = overridden(self._now, metadata, self.metadata_part)
+        self._now = override(self._now, metadata, self.metadata_part)
         self.apply(world, self._now)

@@ -135,7 +135,7 @@ class ModuleSet:
         for module in changing:
             rng = randomness.stream(batch.seeds.seed, module.name, world.sample_id)
             module.step_sample(world, metadata.part(module.metadata_part), rng)
-        batch.metadata = batch.metadata.updated(metadata)
+        batch.metadata = batch.metadata.with_update(metadata)
         _note_in_force(batch, changing)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from oaisys_core.config.section import Section
 from oaisys_core.config.sections.stage import ReuseConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import ModuleMetadata, merged
+from oaisys_core.types import ModuleMetadata, merge
 from oaisys_core.world.batch import Batch, BatchSeeds
 from oaisys_core.world.module import require
 from oaisys_core.world.modules.stage import StageModule
@@ -103,10 +103,10 @@ def _with_objects(
     metadata: ModuleMetadata,
 ) -> tuple[BatchSeeds, ModuleMetadata]:
     if reuse.objects == "keep":
-        asset = merged(kept, metadata.asset)
+        asset = merge(kept, metadata.asset)
         return BatchSeeds(seed, stage_seed, asset_seed), replace(metadata, asset=asset)
     if reuse.objects == "clear":
-        metadata = replace(metadata, asset=merged(NOTHING_SCATTERED, metadata.asset))
+        metadata = replace(metadata, asset=merge(NOTHING_SCATTERED, metadata.asset))
     return BatchSeeds(seed, stage_seed, seed), metadata
 
 

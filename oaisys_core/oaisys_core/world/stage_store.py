@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError, quoted
+from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import parse_json
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.scene import Ground, HeightField
-from oaisys_core.system.leftovers import removed_when_killed
+from oaisys_core.system.leftovers import remove_when_killed
 
 FORMAT = 1
 
@@ -88,7 +88,7 @@ def save_stage(path: Path, record: StageRecord) -> None:
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}")  # nobody can foresee it
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with removed_when_killed(partial), partial.open("xb") as file:
+        with remove_when_killed(partial), partial.open("xb") as file:
             np.savez_compressed(file, record=np.array(text), **_arrays(record.ground))
             partial.replace(path)
     except OSError as error:
@@ -117,7 +117,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
             asset_metadata=data["asset_metadata"],
         )
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise InvalidInputError(field, str(path), f"{expected} ({quoted(error)})") from error
+        raise InvalidInputError(field, str(path), f"{expected} ({quote(error)})") from error
     if content_hash(record.ground) != record.stage_hash:
         raise InvalidInputError(field, str(path), f"{expected} (its hash does not match)")
     return record

@@ -11,7 +11,7 @@ from oaisys_dataset.card.croissant import CROISSANT, croissant_text
 from oaisys_dataset.card.data_card import data_card
 from oaisys_dataset.card.frames_table import FRAMES, frames_table
 from oaisys_dataset.card.readme import readme_text
-from oaisys_dataset.card.statistics import sampled_indices, statistics_of
+from oaisys_dataset.card.statistics import sample_indices, statistics_of
 from oaisys_dataset.formats.base import ExportOptions, FormatConventions, label_names
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def description_files(
     license_name = options.license
     readme = readme_text(name, conventions, statistics, counts, license_name)
     frames = frames_table(dataset)
-    shown = [dataset[index] for index in sampled_indices(len(dataset), PICTURES)]
+    shown = [dataset[index] for index in sample_indices(len(dataset), PICTURES)]
     label_ids = {label: label_id for label_id, label in label_names(dataset).items()}
     page = data_card(name, statistics, shown, label_ids, license_name, options.price_per_hour)
     return {

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from oaisys_core.files.markdown import escaped_markdown
+from oaisys_core.files.markdown import escape_markdown
 from oaisys_dataset.card.statistics import number_of
 from oaisys_dataset.formats.base import FormatConventions
 
@@ -46,7 +46,7 @@ def readme_text(
         license_name: Licence of the data set; empty if the owner gave none.
     """
     splits = ", ".join(
-        f"{escaped_markdown(split)}: {number_of(statistics.worlds[split], 'world')}, "
+        f"{escape_markdown(split)}: {number_of(statistics.worlds[split], 'world')}, "
         f"{number_of(frames, 'frame')}"
         for split, frames in statistics.frames.items()
     )
@@ -56,9 +56,9 @@ def readme_text(
         if field.name in TITLES
     ]
     head = (
-        f"# Terrain data set ({escaped_markdown(name)})\n\n"
+        f"# Terrain data set ({escape_markdown(name)})\n\n"
         f"Rendered by OAISYS. {splits}. Splits are by world: no world is in two of them.\n"
-        f"Licence: {escaped_markdown(license_name) or 'none given'}."
+        f"Licence: {escape_markdown(license_name) or 'none given'}."
     )
     reading = [f"## Reading\n\n{conventions.reading}"] if conventions.reading else []
     parts = [
@@ -73,5 +73,5 @@ def readme_text(
 
 
 def _counted(counts: Mapping[str, int]) -> str:
-    rows = "\n".join(f"| {escaped_markdown(what)} | {count} |" for what, count in counts.items())
+    rows = "\n".join(f"| {escape_markdown(what)} | {count} |" for what, count in counts.items())
     return f"## Written and left out\n\n| what | number |\n|---|---|\n{rows}"

@@ -108,7 +108,7 @@ def statistics_of(dataset: Dataset) -> DatasetStatistics:
         for thing in dataset.legend(world).instances.values()
     )
     pixels = _PixelCounts()
-    chosen = sampled_indices(len(dataset), MAX_SAMPLED)
+    chosen = sample_indices(len(dataset), MAX_SAMPLED)
     for index in chosen:
         record = dataset.records[index]
         pixels.add(dataset.sample(record, [m for m in (DEPTH, INSTANCE) if m in record.images]))
@@ -132,7 +132,7 @@ def statistics_of(dataset: Dataset) -> DatasetStatistics:
     )
 
 
-def sampled_indices(count: int, most: int) -> Sequence[int]:
+def sample_indices(count: int, most: int) -> Sequence[int]:
     """Return at most ``most`` of the first ``count`` whole numbers, at equal distances."""
     places = np.linspace(0, count - 1, min(count, most)).round().astype(int)
     return [int(place) for place in np.unique(places)]

@@ -23,10 +23,10 @@ from oaisys_dataset.reader import Dataset, open_dataset
 from oaisys_dataset.shards import (
     HEAD,
     SHARDS,
-    failed_worlds,
-    finished_worlds,
     read_head,
     tar_name,
+    whole_worlds,
+    world_failures,
 )
 
 
@@ -49,7 +49,7 @@ def check_dataset(
     """
     place = open_place(where)
     info = read_head(place)
-    worlds = finished_worlds(place)
+    worlds = whole_worlds(place)
     rng = np.random.default_rng(seed)
     summary = _Summary(place, info)
     due = summary.check_head()
@@ -97,7 +97,7 @@ class _Summary:
             if sha256 != self._info.config_sha256:
                 text = f"its configuration has the hash {sha256}, recorded is another one"
                 self._found([Finding("head", HEAD, text)])
-        finished, failed = finished_worlds(self._place), failed_worlds(self._place)
+        finished, failed = whole_worlds(self._place), world_failures(self._place)
         missing = sorted(set(range(self._info.worlds)) - {*finished, *failed})
         if missing:
             shown = ", ".join(map(str, missing[:5]))
@@ -164,7 +164,7 @@ class _Summary:
             frames=self._counts["frames"],
             images=self._counts["images"],
             image_bytes=self._counts["image_bytes"],
-            failed_worlds=tuple(failed_worlds(self._place)),
+            failed_worlds=tuple(world_failures(self._place)),
             splits=dict(Counter(self._splits.values())),
             rebuilt_worlds=tuple(self._rebuilt),
             points=self._truth.points,

@@ -57,7 +57,7 @@ def _views_of(
     return [view for turn, view in enumerate(due) if any(turn % each == 0 for each in every)]
 
 
-def checked_manifests(
+def check_manifests(
     place: StoragePlace, info: DatasetInfo, due: DueViews, result: ShardResult
 ) -> tuple[list[FrameRecord], list[ScanRecord]]:
     """Return the frames and scans of a world whose records can be read."""
@@ -67,7 +67,7 @@ def checked_manifests(
     )
     result.records = len(frames)
     if not frames:
-        result.found("manifest", name, "it has no frame")
+        result.note("manifest", name, "it has no frame")
     scans: list[ScanRecord] = []
     of_scans = scans_name(result.world)
     if due.lidars and place.exists(of_scans):
@@ -91,7 +91,7 @@ def _checked_lines(
     """Return the records that can be read."""
     *lines, rest = place.read(name).split(b"\n")
     if rest:
-        result.found("manifest", name, f"its last line is cut off: {rest[:40]!r}")
+        result.note("manifest", name, f"its last line is cut off: {rest[:40]!r}")
     records = []
     for number, line in enumerate(lines, start=1):
         where = f"{name}:{number}"
@@ -99,10 +99,10 @@ def _checked_lines(
             record = parse(line, where)
             check(record)
         except (OaisysError, KeyError, TypeError, ValueError) as error:
-            result.found("manifest", where, str(error))
+            result.note("manifest", where, str(error))
             continue
         if not is_intact(line):
-            result.found("manifest", record.id, "the line was changed: its hash differs")
+            result.note("manifest", record.id, "the line was changed: its hash differs")
         records.append(record)
     return records
 
@@ -113,14 +113,14 @@ def _check_frame(record: FrameRecord, info: DatasetInfo, result: ShardResult) ->
     _check_origin(record, info, result)
     camera, T = record.camera, record.pose
     if not np.array_equal(camera.K, record.intrinsics["K"]):
-        result.found("camera", name, "K differs from its focal lengths and principal point")
+        result.note("camera", name, "K differs from its focal lengths and principal point")
     if not is_rigid(T):
-        result.found("camera", name, "T_map_camera is no rigid transform")
+        result.note("camera", name, "T_map_camera is no rigid transform")
     size = (camera.height_px, camera.width_px)
     for modality, image in record.images.items():
         if image.shape[:2] != size:
             text = f"{image.shape[1]}x{image.shape[0]} pixels, its camera has {size[1]}x{size[0]}"
-            result.found("image", f"{name}/{modality}", text)
+            result.note("image", f"{name}/{modality}", text)
         _check_file(image.file, name, modality, result)
 
 
@@ -128,7 +128,7 @@ def _check_scan(record: ScanRecord, info: DatasetInfo, result: ShardResult) -> N
     """Compare a record with itself, with its world and with the head of the data set."""
     _check_origin(record, info, result)
     if not is_rigid(record.pose):
-        result.found("camera", record.scan_id, "T_map_lidar is no rigid transform")
+        result.note("camera", record.scan_id, "T_map_lidar is no rigid transform")
     _check_file(record.points.file, record.scan_id, POINTS, result)
 
 
@@ -137,38 +137,38 @@ def _check_origin(record: SensorRecord, info: DatasetInfo, result: ShardResult) 
     name = record.id
     expected_id = frame_id(result.world, record.view, record.sensor)
     if name != expected_id or record.world != result.world:
-        result.found("manifest", name, f"received world {record.world}, expected {expected_id}")
+        result.note("manifest", name, f"received world {record.world}, expected {expected_id}")
     provenance = provenance_from_record(record.provenance)
     pose_from_record(record.rig_pose)
     for sha256 in {record.config_sha256, provenance.config_sha256} - {info.config_sha256}:
         text = f"configuration {sha256[:12]}, expected {info.config_sha256[:12]} of dataset.json"
-        result.found("manifest", name, text)
+        result.note("manifest", name, text)
     if provenance.batch_seed != record.world_seed:
         text = f"provenance has seed {provenance.batch_seed}, the record {record.world_seed}"
-        result.found("manifest", name, text)
+        result.note("manifest", name, text)
     if record.split not in info.splits:
-        result.found("split", name, f"{record.split!r}, expected one of {', '.join(info.splits)}")
+        result.note("split", name, f"{record.split!r}, expected one of {', '.join(info.splits)}")
 
 
 def _check_file(file: str, name: str, modality: str, result: ShardResult) -> None:
     if not file.startswith(f"{name}.{modality}."):
         text = f"its file is {file}, expected one of this sensor and modality"
-        result.found("manifest", f"{name}/{modality}", text)
+        result.note("manifest", f"{name}/{modality}", text)
 
 
 def _check_world(records: Sequence[SensorRecord], result: ShardResult) -> None:
     """Check that a world has one split and one seed, and that no id comes twice."""
     for each, count in Counter(record.id for record in records).items():
         if count > 1:
-            result.found("manifest", each, f"{count} lines have this id")
+            result.note("manifest", each, f"{count} lines have this id")
     result.splits = {record.split for record in records}
     result.seeds = {record.world_seed for record in records}
     name = manifest_name(result.world)
     if len(result.splits) > 1:
         text = f"a world belongs to one split, its frames to {', '.join(sorted(result.splits))}"
-        result.found("split", name, text)
+        result.note("split", name, text)
     if len(result.seeds) > 1:
-        result.found("manifest", name, "its frames have different seeds of the world")
+        result.note("manifest", name, "its frames have different seeds of the world")
 
 
 def _check_views(
@@ -184,4 +184,4 @@ def _check_views(
         if missing:
             shown = ", ".join(map(str, missing[:5]))
             text = f"{len(missing)} of {len(views)} views of {sensor}: {shown}"
-            result.found("missing", name, text)
+            result.note("missing", name, text)

@@ -52,7 +52,7 @@ class ShardResult:
     image_bytes: int = 0
     scans: int = 0
 
-    def found(self, check: str, subject: str, text: str) -> None:
+    def note(self, check: str, subject: str, text: str) -> None:
         """Add a finding."""
         self.findings.append(Finding(check, subject, text))
 
@@ -92,11 +92,11 @@ class CheckReport:
     scan_points: int = 0
 
     @property
-    def passed(self) -> bool:
+    def has_passed(self) -> bool:
         """Whether nothing is wrong."""
         return not self.findings_total
 
     def as_json(self) -> dict[str, Any]:
         """Return the report as plain data."""
         audited = [{**asdict(each), "wrong_share": each.wrong_share} for each in self.audited]
-        return {"passed": self.passed, **asdict(self), "audited": audited}
+        return {"passed": self.has_passed, **asdict(self), "audited": audited}

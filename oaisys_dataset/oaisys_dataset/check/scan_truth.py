@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from oaisys_core.config import SimulationConfig
 from oaisys_core.geometry import pose_to_matrix, transform_points
 from oaisys_core.output.records import (
+    motion_to_record,
     pose_from_record,
     previous_rig_poses,
     provenance_from_record,
-    recorded_motion,
 )
 from oaisys_core.scene import PoseAtTime
 from oaisys_core.types import FloatArray, LidarScan, point_dtype
-from oaisys_core.world.modules.lidars import lidar_info, motion_during_scan, mounted
+from oaisys_core.world.modules.lidars import lidar_info, motion_during_scan, sensor_poses
 from oaisys_dataset.check.report import Finding
 from oaisys_dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_dataset.reader import Dataset
@@ -100,9 +100,9 @@ class ScanCheck:
         """Return the lidar's motion during a scan; None if it stands still."""
         how, name = provenance_from_record(record.provenance), record.sensor
         T_base_lidar = self._infos[name].T_base_lidar
-        motion = recorded_motion(how)
+        motion = motion_to_record(how)
         if motion is not None:
-            return partial(mounted, motion, T_base_lidar)
+            return partial(sensor_poses, motion, T_base_lidar)
         previous, config = previous_rig_poses(how).get(name), self._configs[name]
         if previous is None or not config.sweep_share:
             return None

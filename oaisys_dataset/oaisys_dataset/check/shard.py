@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import DEPTH, INSTANCE, POINTS, RANGE, SEMANTIC_0, semantic_level
-from oaisys_dataset.check.manifests import DueViews, checked_manifests
+from oaisys_dataset.check.manifests import DueViews, check_manifests
 from oaisys_dataset.check.report import ShardResult
 from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, WorldLegend
 from oaisys_dataset.places import StoragePlace
@@ -36,7 +36,7 @@ COPIED_BYTES = 1 << 26
 def check_shard(place: StoragePlace, info: DatasetInfo, due: DueViews, world: int) -> ShardResult:
     """Check the manifest of a world, its tar file and every image in it."""
     result = ShardResult(world)
-    records, scans = checked_manifests(place, info, due, result)
+    records, scans = check_manifests(place, info, due, result)
     name = tar_name(world)
     try:
         with _mapped(place, name) as data:
@@ -49,7 +49,7 @@ def check_shard(place: StoragePlace, info: DatasetInfo, due: DueViews, world: in
             for scan in scans:
                 _check_scan(scan, data, legend, result)
     except (OaisysError, OSError, ValueError, tarfile.TarError) as error:
-        result.found("shard", name, str(error))
+        result.note("shard", name, str(error))
     return result
 
 
@@ -94,15 +94,15 @@ def _check_members(
     recorded: set[str] = set()
     for each in files:
         if each.file in recorded:
-            result.found("manifest", each.file, "two lines have this file")
+            result.note("manifest", each.file, "two lines have this file")
         recorded.add(each.file)
         place = members.get(each.file)
         if place is None:
-            result.found("shard", each.file, f"it is not in {name}")
+            result.note("shard", each.file, f"it is not in {name}")
         elif place != (each.offset, each.size):
-            result.found("shard", each.file, f"it is at {place}, not at the recorded place")
+            result.note("shard", each.file, f"it is at {place}, not at the recorded place")
     for extra in sorted(set(members) - recorded - {LEGEND}):
-        result.found("manifest", extra, f"it is in {name}, but no line of the manifest has it")
+        result.note("manifest", extra, f"it is in {name}, but no line of the manifest has it")
 
 
 def _legend(data: mmap.mmap, members: dict[str, tuple[int, int]]) -> WorldLegend:
@@ -126,24 +126,24 @@ def _check_frame(
         result.images += 1
         result.image_bytes += len(file)
         if hashlib.sha256(file).hexdigest() != image.sha256:
-            result.found("hash", name, f"the bytes of {image.file} are not those recorded")
+            result.note("hash", name, f"the bytes of {image.file} are not those recorded")
         try:
             pixels = read_pixels(file, modality, image.file)
         except (OaisysError, KeyError) as error:
-            result.found("image", name, str(error))
+            result.note("image", name, str(error))
             continue
         if (pixels.dtype.name, pixels.shape) != (image.dtype, image.shape):
             text = f"{pixels.dtype.name} {pixels.shape}, recorded {image.dtype} {image.shape}"
-            result.found("image", name, text)
+            result.note("image", name, text)
         pixels_hash = pixels_sha256(pixels)
         if pixels_hash != image.pixels_sha256:
-            result.found("hash", name, "its pixels are not those recorded")
+            result.note("hash", name, "its pixels are not those recorded")
         whole.update(f"{modality} {pixels_hash}\n".encode())
         if text := _wrong_values(modality, pixels):
-            result.found("image", name, text)
+            result.note("image", name, text)
         unknown = _ids(modality, pixels) - _known(modality, legend)
         if unknown:
-            result.found("legend", name, f"ids {_shown(unknown)} are not in the legend")
+            result.note("legend", name, f"ids {_shown(unknown)} are not in the legend")
     result.prints[record.frame_id] = whole.digest()[:16]
 
 
@@ -155,21 +155,21 @@ def _check_scan(
     file = data[points.offset : points.offset + points.size]
     result.scans += 1
     if hashlib.sha256(file).hexdigest() != points.sha256:
-        result.found("hash", name, f"the bytes of {points.file} are not those recorded")
+        result.note("hash", name, f"the bytes of {points.file} are not those recorded")
     try:
         found = read_scan(record, file).data
     except OaisysError as error:
-        result.found("image", name, str(error))
+        result.note("image", name, str(error))
         return
     names = found.dtype.names or ()
     if (len(found), names) != (points.count, points.fields):
         text = f"{len(found)} points with {', '.join(names)}, recorded {points.count}"
-        result.found("image", name, f"{text} with {', '.join(points.fields)}")
+        result.note("image", name, f"{text} with {', '.join(points.fields)}")
     if not all(np.isfinite(found[axis]).all() for axis in "xyz"):
-        result.found("image", name, "some coordinates are not finite")
+        result.note("image", name, "some coordinates are not finite")
     for modality, field in ((SEMANTIC_0, "label"), (INSTANCE, "instance")):
         if field in names and (unknown := _ids(modality, found[field]) - _known(modality, legend)):
-            result.found("legend", name, f"ids {_shown(unknown)} are not in the legend")
+            result.note("legend", name, f"ids {_shown(unknown)} are not in the legend")
 
 
 def _wrong_values(modality: str, pixels: NDArray[Any]) -> str:

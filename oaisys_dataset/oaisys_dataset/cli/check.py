@@ -43,7 +43,7 @@ def check(
     if out is not None:
         write_json(out, report.as_json())
     typer.echo("\n".join(_lines(report)))
-    if not report.passed:
+    if not report.has_passed:
         count = report.findings_total
         raise DatasetCheckFailedError(f"{dataset}: {count} finding{'s' if count > 1 else ''}")
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
-from oaisys_core.cli.repeat import MIN_PSNR_DB, DifferentSampleError, described
+from oaisys_core.cli.repeat import MIN_PSNR_DB, DifferentSampleError
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_dataset.cli.export import PlaceArgument, export_place, write_export
-from oaisys_dataset.plan import MAX_WORLDS, SPLITS, parsed_splits
+from oaisys_dataset.plan import MAX_WORLDS, SPLITS, parse_splits
 from oaisys_dataset.ray_session import MEMORY_PER_WORKER_GB, RaySettings
 
 if TYPE_CHECKING:
@@ -75,17 +75,17 @@ def render(
     Exit code 1: some worlds could not be made; their reasons are in OUT/failed.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
-    from oaisys_core.config import adjusted, load_config
+    from oaisys_core.config import adjust, load_config
     from oaisys_dataset.places import open_place
     from oaisys_dataset.rendering import DatasetRendering, dataset_info
 
-    shares = parsed_splits(splits)
+    shares = parse_splits(splits)
     place = open_place(out)
-    chosen = adjusted(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
+    chosen = adjust(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
     names = _format_names(formats, chosen)
     settings = RaySettings(address, num_workers, memory_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
-    with rendering.begun(is_resumed=resume):
+    with rendering.begin(is_resumed=resume):
         _run(rendering, settings)
         _report(rendering.summary)
         _export(place, names)
@@ -114,17 +114,17 @@ def repeat(
     Exit code 0: equal; 1: something differs; 2: there is no such frame.
     """
     from oaisys_dataset.reader import open_dataset
-    from oaisys_dataset.repeat import repeated
+    from oaisys_dataset.repeat import repeat_records
 
     dataset = open_dataset(place)
     different = 0
     with own_stdout():
-        for frame, comparisons in repeated(dataset, frames, least_psnr):
+        for frame, comparisons in repeat_records(dataset, frames, least_psnr):
             is_same = all(each.is_equal for each in comparisons)
             different += not is_same
             typer.echo(f"{frame}: {'equal' if is_same else 'DIFFERENT'}")
             for each in comparisons:
-                typer.echo(f"  {described(each)}")
+                typer.echo(f"  {describe(each)}")
     if different:
         raise DifferentSampleError(f"{different} of {len(frames)} frames differ from the data set")
 

@@ -24,7 +24,7 @@ from oaisys_dataset.formats.base import (
     label_names,
     write_file,
 )
-from oaisys_dataset.formats.segments import PixelSegment, numbered_segments, segments_of
+from oaisys_dataset.formats.segments import PixelSegment, number_segments, segments_of
 
 if TYPE_CHECKING:
     from oaisys_dataset.reader import Dataset, DatasetSample
@@ -174,7 +174,7 @@ class _SplitWriter:
         self._counts["frames"] += 1
 
     def _add_segments(self, sample: DatasetSample, file_name: str) -> None:
-        numbers, labels, instances = numbered_segments(
+        numbers, labels, instances = number_segments(
             sample.arrays[SEMANTIC_0], sample.arrays[INSTANCE]
         )
         infos = []

@@ -19,7 +19,7 @@ from oaisys_dataset.formats.base import (
 from oaisys_dataset.formats.colmap_model import ColmapImage, ColmapModel, write_model
 from oaisys_dataset.formats.depth_points import POINTS_PER_VIEW, world_points
 from oaisys_dataset.formats.sequences import (
-    colored_worlds,
+    worlds_with_color,
 )
 from oaisys_dataset.records import world_name
 
@@ -78,7 +78,7 @@ class ColmapFormat(DatasetFormat):
             raise InvalidInputError("settings.model", kind, "binary or text")
         points_per_view = int(options.number("points_per_view", POINTS_PER_VIEW, least=1))
         counts: Counter[str] = Counter()
-        for world, frames in colored_worlds(dataset.records):
+        for world, frames in worlds_with_color(dataset.records):
             folder = target / world_name(world)
             for record in frames:
                 write_file(folder / "images", _image_name(record), dataset.files(record)[RGB])

@@ -23,7 +23,7 @@ from oaisys_dataset.formats.colmap_model import PIXEL_CENTRE_PX
 from oaisys_dataset.formats.depth_points import POINTS_PER_VIEW, DepthPoints, world_points
 from oaisys_dataset.formats.sequences import (
     LOST_DEPTH,
-    colored_worlds,
+    worlds_with_color,
     write_depth_png,
 )
 from oaisys_dataset.records import world_name
@@ -73,7 +73,7 @@ class NerfstudioFormat(DatasetFormat):
         """See `DatasetFormat.write`."""
         points_per_view = int(options.number("points_per_view", POINTS_PER_VIEW, least=1))
         counts: Counter[str] = Counter()
-        for world, frames in colored_worlds(dataset.records):
+        for world, frames in worlds_with_color(dataset.records):
             folder = target / world_name(world)
             for record in frames:
                 files = dataset.files(record)

@@ -32,7 +32,7 @@ class PixelSegment:
     runs: list[int]
 
 
-def numbered_segments(
+def number_segments(
     semantic: NDArray[Any], instance: NDArray[Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return (H, W) segment numbers, and the label and instance id of each segment from number 1.
@@ -53,7 +53,7 @@ def numbered_segments(
 def segments_of(
     numbers: NDArray[np.int64], labels: NDArray[np.int64], instances: NDArray[np.int64]
 ) -> Iterator[PixelSegment]:
-    """Yield the segments of an image that `numbered_segments` has numbered."""
+    """Yield the segments of an image that `number_segments` has numbered."""
     height = numbers.shape[0]
     flat = numbers.ravel(order="F")
     starts = np.flatnonzero(np.diff(flat, prepend=-1))

@@ -98,7 +98,7 @@ def _sequence(records: list[FrameRecord]) -> CameraSequence:
     return sequence
 
 
-def colored_worlds(records: Iterable[FrameRecord]) -> Iterator[tuple[int, list[FrameRecord]]]:
+def worlds_with_color(records: Iterable[FrameRecord]) -> Iterator[tuple[int, list[FrameRecord]]]:
     """Yield each world that has colour images, with their frames, one camera after the other.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.names import path_inside
-from oaisys_dataset.shards import appended, padded
+from oaisys_dataset.shards import append_file, tar_size
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,7 +45,7 @@ class TarFiles:
         self, key: str, files: Mapping[str, bytes]
     ) -> tuple[str, dict[str, tuple[int, int]]]:
         """Append a group of files; return its tar file, and where each is and its size."""
-        size = sum(BLOCK + padded(len(data)) for data in files.values())
+        size = sum(BLOCK + tar_size(len(data)) for data in files.values())
         if size + END_BYTES > self._most_bytes:
             expected = f"at least {size + END_BYTES}, which {key} needs"
             raise InvalidInputError("settings.shard_bytes", self._most_bytes, expected)
@@ -53,7 +53,7 @@ class TarFiles:
         if tar is None or tar.offset + size + END_BYTES > self._most_bytes:
             tar = self._begin()
         places = {
-            ending: (appended(tar, path_inside(Path(), f"{key}.{ending}").name, data), len(data))
+            ending: (append_file(tar, path_inside(Path(), f"{key}.{ending}").name, data), len(data))
             for ending, data in files.items()
         }
         return self._name, places

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import IO
 
 from oaisys_core.errors import RenderError
-from oaisys_core.system.leftovers import removed_when_killed
-from oaisys_dataset.places.reading import found
+from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_dataset.places.reading import require_found
 
 PART = ".part"
 """End of the names of files that are being written; they begin with a dot."""
@@ -41,12 +41,12 @@ class LocalPlace:
 
     def size(self, name: str) -> int:
         """See `StoragePlace.size`."""
-        with found(self.url, name):
+        with require_found(self.url, name):
             return (self._root / name).stat().st_size
 
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `StoragePlace.read`."""
-        with found(self.url, name), (self._root / name).open("rb") as file:
+        with require_found(self.url, name), (self._root / name).open("rb") as file:
             # A size from a manifest may be anything; `read` would take memory for all of it.
             left = max(0, os.fstat(file.fileno()).st_size - offset)
             file.seek(offset)
@@ -63,7 +63,7 @@ class LocalPlace:
         target = self._root / name
         # A unique name: a second process may write the same object after the first seemed lost.
         part = target.with_name(f".{target.name}.{uuid.uuid4().hex}{PART}")
-        with removed_when_killed(part):
+        with remove_when_killed(part):
             try:
                 self._require_own_folder(target.parent)
                 target.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from oaisys_core.errors import InvalidInputError, NotFoundError
 
 
 @contextmanager
-def found(url: str, name: str) -> Iterator[None]:
+def require_found(url: str, name: str) -> Iterator[None]:
     """Raise what a place raises if its object does not exist, or cannot be read."""
     try:
         yield

@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 from oaisys_core.errors import RenderError
 from oaisys_core.system.leftovers import temporary_folder
-from oaisys_dataset.places.reading import found
+from oaisys_dataset.places.reading import require_found
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
@@ -53,13 +53,13 @@ class RemotePlace:
 
     def size(self, name: str) -> int:
         """See `StoragePlace.size`."""
-        with found(self.url, name):
+        with require_found(self.url, name):
             return int(self._files.size(self._path(name)))
 
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `StoragePlace.read`."""
         # `cat_file` of Arrow's wrapper opens a stream that cannot seek if the range begins at 0.
-        with found(self.url, name), self._files.open(self._path(name), "rb") as file:
+        with require_found(self.url, name), self._files.open(self._path(name), "rb") as file:
             if offset:
                 file.seek(offset)
             if size is not None and size > PIECE_BYTES:

@@ -62,7 +62,7 @@ class Channel:
 
     def call(self, name: str, request: Any, timeout_s: float) -> Any:
         """Call a method that answers with one message, and return that."""
-        with translated():
+        with translate_errors():
             return getattr(self._stub, name)(request, timeout=timeout_s)
 
     @contextlib.contextmanager
@@ -72,7 +72,7 @@ class Channel:
         Yields the call: an iterator over the answers, which any thread may cancel. Without a
         timeout, it may take as long as it takes.
         """
-        with translated():
+        with translate_errors():
             call = getattr(self._stub, name)(request, timeout=timeout_s)
             try:
                 yield call
@@ -103,7 +103,7 @@ class Channel:
         request = health_pb2.HealthCheckRequest(service=SERVICE)
         nobody = f"no simulator serves at {self.address}"
         try:
-            with translated():
+            with translate_errors():
                 answer = self._health.Check(request, timeout=timeout_s)
         except OaisysError as error:
             raise NotReadyError(f"{nobody}: {error}") from error
@@ -124,7 +124,7 @@ class Channel:
 
 
 @contextlib.contextmanager
-def translated() -> Iterator[None]:
+def translate_errors() -> Iterator[None]:
     """Raise the error that a failed call stands for."""
     try:
         yield

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import ODOMETRY, DriveInstant, DriveOutline
-from oaisys_grpc.client.channel import translated
+from oaisys_grpc.client.channel import translate_errors
 from oaisys_grpc.client.sample_stream import ProgressListener, SampleStream
 from oaisys_grpc.contract.drive_messages import (
     instant_from_proto,
+    measurement_counts,
     outline_from_header,
-    sent_counts,
 )
 from oaisys_grpc.contract.operation import progress_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -52,14 +52,14 @@ class DriveStream:
         self._cancel = cancel
         self._sent: Mapping[str, int] | None = None
         self.received: Counter[str] = Counter()
-        with translated():
+        with translate_errors():
             first = next(self._events, pb.DriveResponse())
         if not first.HasField("header"):
             raise OaisysError("the drive did not begin with its header")
         self.outline: DriveOutline = outline_from_header(first.header)
 
     @property
-    def sent(self) -> Mapping[str, int]:
+    def counts(self) -> Mapping[str, int]:
         """How many measurements of each sensor the server has sent; known at the end.
 
         Raises:
@@ -83,8 +83,8 @@ class DriveStream:
                     instant = replace(instant, sample=stream.read())
                 self._count(instant)
                 yield instant
-        if self.received != Counter(self.sent):
-            raise OaisysError(f"received {dict(self.received)} of {dict(self.sent)} measurements")
+        if self.received != Counter(self.counts):
+            raise OaisysError(f"received {dict(self.received)} of {dict(self.counts)} measurements")
 
     def cancel(self) -> None:
         """End the drive; a thread that iterates gets a `CancelledError`."""
@@ -98,10 +98,10 @@ class DriveStream:
 
     def _after_progress(self) -> Iterator[pb.DriveResponse]:
         """Yield what brings measurements; take in the progress and the end."""
-        with translated():
+        with translate_errors():
             for event in self._events:
                 if event.HasField("end"):
-                    self._sent = sent_counts(event.end)
+                    self._sent = measurement_counts(event.end)
                 elif not event.HasField("progress"):
                     yield event
                 elif self._on_progress is not None:

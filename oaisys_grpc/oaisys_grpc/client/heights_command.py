@@ -80,14 +80,14 @@ def _built(
     extent_m: Extent | None,
 ) -> HeightGrid:
     from oaisys_core import randomness
-    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.simulation import Simulation
     from oaisys_core.world.height_grids import grid_shape
 
     # Before a world is built for a resolution that is none.
     grid_shape(resolution_m, extent_m or (0.0, 0.0, resolution_m, resolution_m))
     loaded = load_config(config) if config else SimulationConfig()
-    chosen = adjusted(loaded, seed=seed, backend=backend)
+    chosen = adjust(loaded, seed=seed, backend=backend)
     with own_stdout():
         simulation = Simulation(chosen)
         try:

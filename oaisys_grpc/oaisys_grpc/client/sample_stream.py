@@ -21,7 +21,7 @@ from oaisys_core.types import (
     SampleOutline,
 )
 from oaisys_grpc.addresses import is_this_machine
-from oaisys_grpc.client.channel import Channel, translated
+from oaisys_grpc.client.channel import Channel, translate_errors
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import ArrayAssembly
 from oaisys_grpc.contract.operation import progress_from_proto
@@ -37,7 +37,7 @@ from oaisys_grpc.contract.shared_memory import (
     Reader,
     Segment,
     SharedMemoryError,
-    found_token,
+    find_token,
 )
 from oaisys_grpc.contract.transfer import Transfer, location_from_proto, transfer_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -190,7 +190,7 @@ class SampleStream:
 
     def _shared(self, header: pb.FrameHeader) -> Iterator[Frame | LidarScan]:
         """Yield a frame that lies in the server's memory, or note that it must be fetched."""
-        size = arrays.checked_nbytes(header.array, self._limit)
+        size = arrays.check_nbytes(header.array, self._limit)
         try:
             if self._reader is None:
                 raise SharedMemoryError("this client reads no shared memory")
@@ -199,7 +199,7 @@ class SampleStream:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
             return
-        yield from self._kept(FrameMessage(header, arrays.decoded(header.array, data)))
+        yield from self._kept(FrameMessage(header, arrays.decode(header.array, data)))
 
     def _fetched(self) -> Iterator[Frame | LidarScan]:
         if not self._unread or self._fetch is None:
@@ -261,7 +261,7 @@ class SampleClient:
         return replace(self._wanted, token=self._found_token(timeout_s))
 
     @contextlib.contextmanager
-    def rendered(
+    def render(
         self,
         request: pb.RenderSampleRequest,
         timeout_s: float,
@@ -274,11 +274,11 @@ class SampleClient:
             yield stream
             self._learn(request.transfer, stream)
 
-    def copied(self) -> Transfer:
+    def byte_transfer(self) -> Transfer:
         """Return how frames should come that stay when the server drops them: as bytes."""
         return self._wanted
 
-    def fetched(
+    def fetch_sample(
         self, batch_id: int, sample_id: int, timeout_s: float, transfer: Transfer | None = None
     ) -> Sample:
         """Return a recent sample."""
@@ -298,7 +298,7 @@ class SampleClient:
         cancel: Callable[[], object] = lambda: None,
     ) -> SampleStream:
         def fetch(batch_id: int, sample_id: int) -> Sample:
-            return self.fetched(batch_id, sample_id, timeout_s, self._wanted)
+            return self.fetch_sample(batch_id, sample_id, timeout_s, self._wanted)
 
         limit = self._wanted.frame_bytes
         return SampleStream(parts, limit=limit, reader=self._reader, fetch=fetch, cancel=cancel)
@@ -314,7 +314,7 @@ class SampleClient:
                 patience_s = min(timeout_s, _ASK_TIMEOUT_S)
                 info = self._channel.call("GetSimulatorInfo", request, patience_s)
                 if info.HasField("shared_memory_probe"):
-                    self._token = found_token(location_from_proto(info.shared_memory_probe))
+                    self._token = find_token(location_from_proto(info.shared_memory_probe))
             except (OaisysError, SharedMemoryError) as error:
                 _LOG.info("no shared memory with %s: %s", self._channel.address, error)
             return self._token
@@ -331,7 +331,7 @@ def _parts_after_progress(
     events: Iterable[pb.RenderSampleResponse], on_progress: ProgressListener | None
 ) -> Iterator[pb.SamplePart]:
     """Yield the sample's parts; tell the listener of progress."""
-    with translated():
+    with translate_errors():
         for event in events:
             if event.HasField("part"):
                 yield event.part

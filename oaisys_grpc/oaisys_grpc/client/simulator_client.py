@@ -201,7 +201,7 @@ class SimulatorClient:
         """
         transfer = self._samples.transfer(self._timeout_s)
         request = render_request(pose, metadata, modalities, sensors, transfer)
-        with self._samples.rendered(request, self._timeout_s, on_progress) as stream:
+        with self._samples.render(request, self._timeout_s, on_progress) as stream:
             yield stream
 
     def set_trajectory(
@@ -242,7 +242,7 @@ class SimulatorClient:
             timeout_s: How long the whole drive may take; None: as long as it takes.
             on_progress: Called on this thread with the progress of the whole drive.
         """
-        transfer = self._samples.copied()
+        transfer = self._samples.byte_transfer()
         request = pb.DriveRequest(
             trajectory=trajectory, sensors=sensors, transfer=transfer_to_proto(transfer)
         )
@@ -304,7 +304,7 @@ class SimulatorClient:
 
     def get_sample(self, batch_id: int, sample_id: int) -> Sample:
         """Return a recent sample."""
-        return self._samples.fetched(batch_id, sample_id, self._timeout_s)
+        return self._samples.fetch_sample(batch_id, sample_id, self._timeout_s)
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return the surface of the world as rendered, in ``map``."""

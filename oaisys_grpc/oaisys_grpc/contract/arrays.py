@@ -40,7 +40,7 @@ _FAST = 1
 
 
 class Codec(NamedTuple):
-    """One encoding: ``encoded`` returns None where it cannot hold an array."""
+    """One encoding: ``encode`` returns None where it cannot hold an array."""
 
     encoded: Callable[[AnyArray], bytes | None]
     decoded: Callable[[bytes, np.dtype[Any], tuple[int, ...]], AnyArray]
@@ -63,10 +63,10 @@ def dtype_of(data_type: int) -> np.dtype[Any]:
     return _DTYPES[data_type]
 
 
-def encoded(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, Raw]:
+def encode(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, Raw]:
     """Return an array's header and bytes, in the first accepted encoding that makes it smaller.
 
-    If none does, the bytes are the array's own memory. Inverse: `decoded`.
+    If none does, the bytes are the array's own memory. Inverse: `decode`.
     """
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     header = raw_header(array)
@@ -89,8 +89,8 @@ def raw_header(array: AnyArray) -> pb.ArrayHeader:
     )
 
 
-def decoded(header: pb.ArrayHeader, data: Raw) -> AnyArray:
-    """Return the array of a header that `checked_nbytes` passed; raw bytes are not copied.
+def decode(header: pb.ArrayHeader, data: Raw) -> AnyArray:
+    """Return the array of a header that `check_nbytes` passed; raw bytes are not copied.
 
     Raises:
         OaisysError: The bytes are not what the header says.
@@ -101,7 +101,7 @@ def decoded(header: pb.ArrayHeader, data: Raw) -> AnyArray:
     return CODECS[header.encoding].decoded(data.tobytes(), dtype, shape)
 
 
-def checked_nbytes(header: pb.ArrayHeader, limit: int) -> int:
+def check_nbytes(header: pb.ArrayHeader, limit: int) -> int:
     """Check an array's header and return the array's decoded size in bytes.
 
     Raises:
@@ -141,7 +141,7 @@ class ArrayAssembly:
         Raises:
             OaisysError: The header contradicts itself, or says what this client cannot read.
         """
-        self.nbytes = checked_nbytes(header, limit)
+        self.nbytes = check_nbytes(header, limit)
         self._header = header
         self._bytes = np.empty(header.byte_size, dtype=np.uint8)
         self._received = 0
@@ -171,7 +171,7 @@ class ArrayAssembly:
         """
         if not self.is_complete:
             raise OaisysError(f"{self._received} of {self._bytes.size} bytes came")
-        return decoded(self._header, self._bytes)
+        return decode(self._header, self._bytes)
 
 
 def array_chunks(

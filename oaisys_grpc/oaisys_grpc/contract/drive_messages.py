@@ -102,7 +102,7 @@ _INSTANT = RecordConversion(
 instant_to_proto, instant_from_proto = _INSTANT.to_proto, _INSTANT.from_proto
 
 
-def sent_counts(end: pb.DriveEnd) -> dict[str, int]:
+def measurement_counts(end: pb.DriveEnd) -> dict[str, int]:
     """Return how many measurements of each sensor were sent.
 
     Raises:

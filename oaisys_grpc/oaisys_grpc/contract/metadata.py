@@ -14,7 +14,7 @@ from google.protobuf.message import Message
 from google.protobuf.struct_pb2 import Struct, Value
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import checked_pose
+from oaisys_core.geometry import check_pose
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.conversion import Conversion
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -110,20 +110,20 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
     if message.HasField("sensor"):
         typed = values_of(pb.SensorMetadata(cameras=message.sensor.cameras))
         settings = struct_from_proto(message.sensor.settings)
-        parts["sensor"] = joined("metadata.sensor", settings, typed)
+        parts["sensor"] = join("metadata.sensor", settings, typed)
         if "pose" in parts["sensor"]:
             received = parts["sensor"]["pose"]
             raise InvalidInputError("metadata.sensor.settings.pose", received, "the field pose")
         if message.sensor.HasField("pose"):
             pose = pose_from_proto(message.sensor.pose)
-            checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
+            check_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
             parts["sensor"]["pose"] = pose
     present = {field.name for field, _ in message.ListFields()}
     for name in _TYPED:
         if present & {name, f"typed_{name}"}:
             typed = values_of(getattr(message, f"typed_{name}"))
             open_ended = struct_from_proto(getattr(message, name))
-            parts[name] = joined(f"metadata.{name}", open_ended, typed)
+            parts[name] = join(f"metadata.{name}", open_ended, typed)
     if message.HasField("custom"):
         parts["custom"] = struct_from_proto(message.custom)
     return ModuleMetadata(**parts)
@@ -165,7 +165,7 @@ def fill(message: Message, values: Mapping[str, Any], keys: Iterable[str]) -> di
     return rest
 
 
-def joined(path: str, open_ended: dict[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
+def join(path: str, open_ended: dict[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
     """Return the values that came open-ended and those that came typed.
 
     Raises:

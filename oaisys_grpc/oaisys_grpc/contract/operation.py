@@ -31,7 +31,7 @@ class State(Enum):
     CANCELLED = pb.OPERATION_STATE_CANCELLED
 
     @property
-    def ended(self) -> bool:
+    def is_final(self) -> bool:
         """Whether the state is final."""
         return self not in (State.QUEUED, State.RUNNING)
 

@@ -67,7 +67,7 @@ class SampleMessages:
         self.frames.extend(piece.frames)
         self.end = self.end or piece.end
 
-    def completed(self) -> SampleMessages:
+    def complete(self) -> SampleMessages:
         """Return the complete sample: header and frames say what is known at the end."""
         assert self.header is not None
         assert self.end is not None
@@ -296,7 +296,7 @@ def messages_from_bytes(content: bytes, images: Sequence[NDArray[np.uint8]]) -> 
         if part.HasField("sample"):
             messages.header = part.sample
         elif part.HasField("frame"):
-            image = arrays.decoded(part.frame.array, images[len(messages.frames)])
+            image = arrays.decode(part.frame.array, images[len(messages.frames)])
             messages.frames.append(FrameMessage(part.frame, image))
         else:
             messages.end = part.end

@@ -87,7 +87,7 @@ class Segment(mmap.mmap):
         return MemoryLocation(os.getpid(), self.descriptor, len(self), self[:TOKEN_BYTES], offset)
 
 
-def copied_to_segment(arrays: Sequence[AnyArray]) -> list[AnyArray]:
+def copy_to_segment(arrays: Sequence[AnyArray]) -> list[AnyArray]:
     """Copy arrays into one new segment and return them as they lie there; nobody can change them.
 
     Raises:
@@ -115,10 +115,10 @@ def copied_to_segment(arrays: Sequence[AnyArray]) -> list[AnyArray]:
     return copies
 
 
-def shared_if_possible(arrays: Sequence[AnyArray]) -> list[AnyArray] | None:
+def share_if_possible(arrays: Sequence[AnyArray]) -> list[AnyArray] | None:
     """Return arrays in one new segment; None if there can be none now: they go another way then."""
     try:
-        return copied_to_segment(arrays)
+        return copy_to_segment(arrays)
     except OSError as error:
         _LOG.warning("images are not shared, but copied: %s", error)
         return None
@@ -128,7 +128,7 @@ class Probe:
     """A small file by which a client proves that it can read this process's memory."""
 
     def __init__(self) -> None:
-        (array,) = copied_to_segment([np.zeros(1, np.uint8)])
+        (array,) = copy_to_segment([np.zeros(1, np.uint8)])
         segment = segment_of(array)
         assert segment is not None
         self._segment = segment
@@ -198,7 +198,7 @@ class Reader:
             )
         segment = files.get(location.token)
         if segment is None:
-            descriptor = opened(location)
+            descriptor = open_location(location)
             with self._lock:
                 if not self._has_room(location.file_size):
                     return _copied(descriptor, location.offset, size)
@@ -211,7 +211,7 @@ class Reader:
         return len(taken) < self._max_files and sum(taken) + size <= self._max_bytes
 
 
-def opened(location: MemoryLocation) -> int:
+def open_location(location: MemoryLocation) -> int:
     """Return a descriptor of another process's segment; the caller closes it.
 
     It is opened only after it was checked to be a segment: opening something else, such as a pipe,
@@ -243,13 +243,13 @@ def opened(location: MemoryLocation) -> int:
     return descriptor
 
 
-def found_token(location: MemoryLocation) -> bytes:
+def find_token(location: MemoryLocation) -> bytes:
     """Return the token of a probe, which proves that this process can read the other's memory.
 
     Raises:
         SharedMemoryError: This process cannot.
     """
-    descriptor = opened(location)
+    descriptor = open_location(location)
     try:
         return os.pread(descriptor, TOKEN_BYTES, 0)
     finally:

@@ -77,7 +77,7 @@ _TRANSFER = RecordConversion(
 transfer_to_proto, transfer_from_proto = _TRANSFER.to_proto, _TRANSFER.from_proto
 
 
-def granted(transfer: Transfer, probe: Probe | None) -> Transfer:
+def grant(transfer: Transfer, probe: Probe | None) -> Transfer:
     """Return what a server grants of a client's options; ``probe`` is None without sharing.
 
     Raises:
@@ -168,7 +168,7 @@ def _encoded_part(
     if frame.header.modality == POINTS:
         # Points are no image, and may have more rows than a PNG file.
         accepted = [encoding for encoding in accepted if encoding != pb.ENCODING_PNG]
-    array, data = arrays.encoded(frame.image, accepted)
+    array, data = arrays.encode(frame.image, accepted)
     part.frame.array.CopyFrom(array)
     return part, data
 

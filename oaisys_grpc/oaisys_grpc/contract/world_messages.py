@@ -68,7 +68,7 @@ def mesh_to_message(
     Inverse, once the arrays are sent as `array_chunks`: `mesh_from_parts`.
     """
     given = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
-    encoded = {n: arrays.encoded(a, ()) for n, a in given.items() if a is not None}
+    encoded = {n: arrays.encode(a, ()) for n, a in given.items() if a is not None}
     headers = {name: header for name, (header, _) in encoded.items()}
     absent = np.empty(0, np.uint8)
     data = [encoded[name][1] if name in encoded else absent for name in _MESH_ARRAYS]
@@ -103,7 +103,7 @@ def height_grid_to_message(
 
     Inverse, once the arrays are sent as `array_chunks`: `heights_from_parts`.
     """
-    encoded = [arrays.encoded(array, ()) for array in (grid.ground_m, grid.surface_m)]
+    encoded = [arrays.encode(array, ()) for array in (grid.ground_m, grid.surface_m)]
     x_m, y_m = grid.origin_xy_m
     header = pb.HeightFieldHeader(
         ground_height_m=encoded[0][0],

@@ -95,7 +95,7 @@ def serve(
     of them, unless a second signal comes.
     """
     # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
-    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_grpc.addresses import check_address
     from oaisys_grpc.memory import keep_freed_memory
     from oaisys_grpc.server.options import ServerOptions
@@ -109,7 +109,7 @@ def serve(
     tls = ServerTls.of(tls_cert, tls_key, tls_client_ca)
     check_address(address, insecure=insecure, encrypted=tls is not None)
     run_server(
-        adjusted(chosen, seed=seed, backend=backend, quality=quality, size=size),
+        adjust(chosen, seed=seed, backend=backend, quality=quality, size=size),
         address,
         ServerOptions(
             worker_python=worker_python,

@@ -35,7 +35,7 @@ class EndRequest:
             os.write(self._write, b"e")
 
     @property
-    def repeated(self) -> bool:
+    def is_repeated(self) -> bool:
         """Whether the end was asked for more than once, and should come at once."""
         return self._requests > 1
 

@@ -243,7 +243,7 @@ def serve(
         asked = not started.done()
     finally:
         exit_at_last(started)
-        server.stop(lambda: end.repeated)
+        server.stop(lambda: end.is_repeated)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     if not asked and (failure := started.exception()):

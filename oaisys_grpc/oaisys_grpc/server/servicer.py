@@ -23,7 +23,7 @@ from oaisys_grpc.contract.shared_memory import AVAILABLE, Probe
 from oaisys_grpc.contract.transfer import (
     Transfer,
     frame_response,
-    granted,
+    grant,
     limits_message,
     location_to_proto,
     sample_to_parts,
@@ -230,12 +230,12 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             OaisysError: The operation failed.
         """
         is_complete = False
-        with operation.followed():
+        with operation.follow():
             for event in operation.events(gone, STATUS_PATIENCE_S):
                 if isinstance(event, SampleMessages):
                     yield from sample_to_parts(event, transfer)
                     is_complete = event.end is not None
-                elif not event.state.ended:
+                elif not event.state.is_final:
                     yield event
             status = operation.status
         if status.error is not None:
@@ -247,14 +247,14 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def _granted(
         self, request: pb.GetSampleRequest | pb.RenderSampleRequest | pb.DriveRequest
     ) -> Transfer:
-        return granted(transfer_from_proto(request.transfer), self._probe)
+        return grant(transfer_from_proto(request.transfer), self._probe)
 
     def _asked(self, method: str, request: Message, context: Context) -> WorkerMessage:
         """Enqueue a question, wait, and return the worker's answer."""
         content = request.SerializeToString()
         job = Job(None, method, content, remaining_s(context), peer=context.peer())
         operation = self._operations.submit(job)
-        with operation.followed():
+        with operation.follow():
             for _ in operation.changes(_gone(context)):
                 pass
         status = operation.status
@@ -274,7 +274,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
                 yield response(chunk=chunk)
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
-        return status_to_proto(self._operations.timed(operation, status or operation.status))
+        return status_to_proto(self._operations.with_times(operation, status or operation.status))
 
 
 def _gone(context: Context) -> threading.Event:

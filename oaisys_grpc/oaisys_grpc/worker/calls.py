@@ -20,7 +20,7 @@ import numpy as np
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError, NotReadyError
-from oaisys_core.files.path_fields import AssetRoots, confined
+from oaisys_core.files.path_fields import AssetRoots, confine_paths
 from oaisys_core.render.base import FrameGroup
 from oaisys_core.render.view_renderer import SampleSteps
 from oaisys_core.simulation import Simulation
@@ -39,7 +39,7 @@ from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
     Segment,
     segment_of,
-    shared_if_possible,
+    share_if_possible,
 )
 from oaisys_grpc.contract.world_messages import (
     extent_from_proto,
@@ -144,7 +144,7 @@ class SimulationCalls:
         )
         self.roots = AssetRoots.of(map(Path, call.head["asset_roots"]), config)
         if call.head["state"] is not None:
-            with confined(self.roots):
+            with confine_paths(self.roots):
                 simulation.restore(json.loads(call.head["state"]), context.progress)
         self.simulation, self._drives = simulation, DriveCalls(simulation, config)
         return Reply()
@@ -241,7 +241,7 @@ class SimulationCalls:
         size = sum(frame.data.nbytes for frame in frames)
         if size < SHARED_FROM_BYTES or len(self._segments) >= MAX_SEGMENTS:
             return frames
-        images = shared_if_possible([frame.data for frame in frames])
+        images = share_if_possible([frame.data for frame in frames])
         if images is None:
             return frames
         segment = segment_of(images[0])
@@ -286,7 +286,7 @@ class _FrameSender:
             Exception: Whatever computing or sending a group before, or this one, raised.
         """
         self.wait()
-        if group.done():
+        if group.is_done():
             self._send(outline, group)
         else:
             run = copy_context().run

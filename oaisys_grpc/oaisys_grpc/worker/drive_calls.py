@@ -19,7 +19,7 @@ from oaisys_core.trajectory import RigMotion, Trajectory
 from oaisys_core.trajectory.planning import (
     WAY_KEYS,
     DrivePlan,
-    changed_drive,
+    change_drive,
     plan_along,
     plan_drive,
 )
@@ -84,7 +84,7 @@ class DriveCalls:
             if not changes and self._config.drive is None:
                 expected = "drive or poses: the configuration has no section drive"
                 raise InvalidInputError("drive", None, expected)
-            section = changed_drive(self._config.drive, changes)
+            section = change_drive(self._config.drive, changes)
             plan = plan_drive(section, partial(self._simulation.query_height, on_stage=True))
         count = len(plan.trajectory.times_s)
         if count > MAX_POSES:
@@ -115,7 +115,7 @@ class DriveCalls:
         drive, _ = self._drive(step)
         metadata = drive.metadata_at(step.time_ns)
         if step.HasField("metadata"):
-            metadata = metadata_from_proto(step.metadata).updated(metadata)
+            metadata = metadata_from_proto(step.metadata).with_update(metadata)
         return TimedView(
             metadata,
             tuple(step.due),
@@ -157,7 +157,7 @@ def _plan_of(
     trajectory = Trajectory(poses.times_s, poses.positions_m, poses.quats_xyzw)
     # A section without a way is no valid one.
     way = {"vehicle": {"kind": "rover"}, "waypoints_m": poses.positions_m[:1].tolist()}
-    return plan_along(trajectory, changed_drive(configured, {**changes, **way}))
+    return plan_along(trajectory, change_drive(configured, {**changes, **way}))
 
 
 def _described(plan: DrivePlan) -> PlannedTrajectory:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import OaisysError, RenderError
-from oaisys_core.files.path_fields import confined
+from oaisys_core.files.path_fields import confine_paths
 from oaisys_core.simulation import Simulation
 from oaisys_core.system.interruption import interruptible
 from oaisys_core.system.shortages import shortage
@@ -76,7 +76,7 @@ class Worker:
         context = CallContext(self._connection, number, self._cancelled)
         reply = Reply()
         try:
-            with confined(self._calls.roots), interruptible(context.stop_if_cancelled):
+            with confine_paths(self._calls.roots), interruptible(context.stop_if_cancelled):
                 reply = self._calls.answer(call, context)
         except OaisysError as error:
             head["fault"] = vars(fault_from_error(error))

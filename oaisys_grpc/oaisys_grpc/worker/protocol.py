@@ -24,7 +24,7 @@ from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
     Segment,
     segment_of,
-    shared_if_possible,
+    share_if_possible,
 )
 
 _PREFIX = struct.Struct("<QQQB")
@@ -141,7 +141,7 @@ def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayLocation], list[Segme
     raws = [np.ascontiguousarray(array).reshape(-1).view(np.uint8) for array in arrays]
     loose = [number for number, raw in enumerate(raws) if segment_of(raw) is None]
     if sum(raws[number].size for number in loose) >= SHARED_FROM_BYTES:
-        shared = shared_if_possible([raws[number] for number in loose])
+        shared = share_if_possible([raws[number] for number in loose])
         for number, raw in zip(loose, shared or (), strict=shared is not None):
             raws[number] = raw
     segments: list[Segment] = []

@@ -18,7 +18,7 @@ from typing import Any
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
 from oaisys_mapping.certificate.perturbations import PerturbationResult
-from oaisys_mapping.certificate.signature import PrivateKey, signed
+from oaisys_mapping.certificate.signature import PrivateKey, sign
 from oaisys_mapping.certificate.view_files import views_to_json
 from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.thresholds import Criterion, Thresholds
@@ -70,7 +70,7 @@ class CertificateContent:
     @property
     def criteria(self) -> list[Criterion]:
         """The figures with their limits."""
-        return self.thresholds.applied_to(self.metrics)
+        return self.thresholds.criteria_of(self.metrics)
 
 
 def write_certificate(
@@ -81,7 +81,7 @@ def write_certificate(
     certificate = {
         "format": FORMAT,
         "sha256": content_sha256(values),
-        "signature": signed(canonical(values), key) if key is not None else None,
+        "signature": sign(canonical(values), key) if key is not None else None,
         "content": values,
     }
     _write(path, certificate)
@@ -97,7 +97,7 @@ def sign_certificate(path: Path, certificate: Mapping[str, Any], key: PrivateKey
     stated, actual = certificate.get("sha256"), content_sha256(certificate["content"])
     if stated != actual:
         raise InvalidInputError("FILE: sha256", stated, f"{actual}: the content was changed")
-    _write(path, {**certificate, "signature": signed(canonical(certificate["content"]), key)})
+    _write(path, {**certificate, "signature": sign(canonical(certificate["content"]), key)})
 
 
 def _write(path: Path, certificate: Mapping[str, Any]) -> None:

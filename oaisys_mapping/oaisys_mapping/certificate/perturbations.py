@@ -20,7 +20,7 @@ from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.evaluation.true_surface import TrueSurface
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectify, rectify_camera
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 
 FOCAL_FACTOR = 1.0855
@@ -90,7 +90,7 @@ class PerturbationResult:
     missed: Sequence[str]
 
     @property
-    def rejected(self) -> bool:
+    def is_rejected(self) -> bool:
         """Whether the map misses a threshold."""
         return bool(self.missed)
 
@@ -101,7 +101,7 @@ class PerturbationResult:
             "what": self.what,
             "figures": dict(self.figures),
             "missed": list(self.missed),
-            "rejected": self.rejected,
+            "rejected": self.is_rejected,
         }
 
 
@@ -163,8 +163,8 @@ def mesh_of(
     volume = TsdfVolume(config)
     for index, right in enumerate(frames):
         frame = perturbation.applied(right, index)
-        depth_m, _ = rectified(frame.depth_m, None, frame.intrinsics)
-        volume.integrate(depth_m, None, rectified_camera(frame.intrinsics), frame.T_map_camera)
+        depth_m, _ = rectify(frame.depth_m, None, frame.intrinsics)
+        volume.integrate(depth_m, None, rectify_camera(frame.intrinsics), frame.T_map_camera)
     return volume.extract_mesh()
 
 
@@ -193,12 +193,12 @@ def run_perturbation_tests(
             continue
         rng = np.random.default_rng(seed)
         metrics = evaluate_against(surface, mesh, config.voxel_size_m, rng).metrics
-        missed = thresholds.missed_by(metrics)
+        missed = thresholds.misses_of(metrics)
         yield PerturbationResult(
-            perturbation.name, perturbation.what, reported_figures(metrics), missed
+            perturbation.name, perturbation.what, figures_to_report(metrics), missed
         )
 
 
-def reported_figures(metrics: ReconstructionMetrics) -> dict[str, float]:
+def figures_to_report(metrics: ReconstructionMetrics) -> dict[str, float]:
     """Return the figures that are reported for a perturbation."""
     return {name: getattr(metrics, name) for name in REPORTED_FIGURES}

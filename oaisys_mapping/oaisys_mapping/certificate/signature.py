@@ -54,7 +54,7 @@ def public_key_of(key: PrivateKey) -> str:
     return key.public_key().public_bytes_raw().hex()
 
 
-def signed(message: bytes, key: PrivateKey) -> dict[str, str]:
+def sign(message: bytes, key: PrivateKey) -> dict[str, str]:
     """Return the signature of a message as JSON values; verified by `is_signature_of`."""
     return {
         "algorithm": ALGORITHM,
@@ -64,7 +64,7 @@ def signed(message: bytes, key: PrivateKey) -> dict[str, str]:
 
 
 def is_signature_of(signature: object, message: bytes) -> bool:
-    """Return whether a signature from `signed` is valid for a message."""
+    """Return whether a signature from `sign` is valid for a message."""
     try:
         assert isinstance(signature, dict)
         key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(signature["public_key"]))

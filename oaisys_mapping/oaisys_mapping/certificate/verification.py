@@ -154,7 +154,7 @@ def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) ->
     figures = _part(content, "figures")
     experiment = _experiment(content)
     try:
-        usual = USUAL_THRESHOLDS[experiment](float(figures["voxel_size_m"])).applied_to_figures(
+        usual = USUAL_THRESHOLDS[experiment](float(figures["voxel_size_m"])).criteria_of_figures(
             figures
         )
     except (KeyError, TypeError, ValueError) as error:

@@ -110,7 +110,7 @@ def evaluate(
         max_overlap_holes=max_overlap_holes,
         min_iou=min_iou,
     )
-    missed = thresholds.missed_by(evaluation.metrics)
+    missed = thresholds.misses_of(evaluation.metrics)
     figures = {
         **evaluation.metrics.to_dict(),
         "max_range_m": max_range,

@@ -83,7 +83,7 @@ class Thresholds:
             ("least_iou", self.min_iou, False),
         )
 
-    def applied_to(self, metrics: Any) -> list[Criterion]:
+    def criteria_of(self, metrics: Any) -> list[Criterion]:
         """Return the figures of a `ReconstructionMetrics` that have a limit, with these limits."""
         return [
             Criterion(name, float(getattr(metrics, name)), limit, is_upper)
@@ -91,14 +91,14 @@ class Thresholds:
             if limit is not None and getattr(metrics, name) is not None
         ]
 
-    def applied_to_figures(self, figures: Mapping[str, Any]) -> list[Criterion]:
-        """Return what `applied_to` does, for figures by name; those not measured may be absent."""
+    def criteria_of_figures(self, figures: Mapping[str, Any]) -> list[Criterion]:
+        """Return what `criteria_of` does, for figures by name; those not measured may be absent."""
         known = dict.fromkeys((name for name, *_ in self._limits))
-        return self.applied_to(SimpleNamespace(**known | dict(figures)))
+        return self.criteria_of(SimpleNamespace(**known | dict(figures)))
 
-    def missed_by(self, metrics: Any) -> list[str]:
+    def misses_of(self, metrics: Any) -> list[str]:
         """Return one sentence for each threshold that is missed."""
-        return [str(found) for found in self.applied_to(metrics) if not found.holds]
+        return [str(found) for found in self.criteria_of(metrics) if not found.holds]
 
 
 def survey_thresholds(voxel_size_m: float) -> Thresholds:

@@ -27,7 +27,7 @@ class SignedDistanceMap(Protocol):
         ...
 
     @property
-    def observed_volume_m3(self) -> float:
+    def volume_observed_m3(self) -> float:
         """Volume of observed space."""
         ...
 
@@ -64,5 +64,5 @@ def tsdf_metrics(
         tsdf_rmse_m=float(np.sqrt(np.square(error_m).mean())) if len(known_m) else None,
         unknown_share=1 - len(known_m) / len(at_truth_m),
         unknown_share_all=unknown_m2 / sum(len(at_m) * area_m2 for at_m, area_m2 in parts),
-        observed_volume_m3=volume.observed_volume_m3,
+        observed_volume_m3=volume.volume_observed_m3,
     )

@@ -35,7 +35,7 @@ class PosedCamera(ShortRepr):
     T_map_camera: FloatArray
 
     def __post_init__(self) -> None:
-        """Refuse distortion; see `rectified_camera`."""
+        """Refuse distortion; see `rectify_camera`."""
         if not self.intrinsics.is_rectilinear:
             received = (self.intrinsics.distortion_model, self.intrinsics.distortion)
             raise InvalidInputError("intrinsics.distortion", received, "a pinhole without any")

@@ -12,8 +12,8 @@ import numpy as np
 
 from oaisys_core.drive.outputs import GROUND_TRUTH, ODOMETRY_ESTIMATE, RecordedDrive
 from oaisys_core.types import FloatArray, ImuInfo, LidarInfo
-from oaisys_mapping.odometry.inertial import preintegrated
-from oaisys_mapping.odometry.lidar_odometry import judged, kiss_icp
+from oaisys_mapping.odometry.inertial import preintegrate
+from oaisys_mapping.odometry.lidar_odometry import judge, kiss_icp
 from oaisys_mapping.odometry.programs import ProgramError
 from oaisys_mapping.odometry.trajectories import ape_rmse, read_tum
 
@@ -95,7 +95,7 @@ def _lidar_checks(
 
     def figures(deskew: bool, scan_s: float) -> dict[str, Any]:
         estimate = kiss_icp(bag, topic, max_range_m=MAX_RANGE_M, deskew=deskew)
-        return asdict(judged(estimate, truth, lidar.T_base_lidar, scan_s))
+        return asdict(judge(estimate, truth, lidar.T_base_lidar, scan_s))
 
     with_times = _checked(
         lidar.name, "kiss-icp", say, lambda: figures(deskew=True, scan_s=lidar.period_s)
@@ -120,7 +120,7 @@ def points_topic(lidar: LidarInfo, topics: Collection[str]) -> str:
 def _imu_figures(drive: RecordedDrive, imu: ImuInfo) -> dict[str, Any]:
     motion = drive.motion
     return asdict(
-        preintegrated(
+        preintegrate(
             drive.imus[imu.name],
             read_tum(drive.description.folder / GROUND_TRUTH),
             _twists(motion.velocity_m_s, motion.angular_rate_rad_s),

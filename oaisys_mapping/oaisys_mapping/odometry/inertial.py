@@ -50,7 +50,7 @@ class ImuFigures:
     turned_deg: float
 
 
-def preintegrated(
+def preintegrate(
     measurements: FloatArray,
     truth: TimedTransforms,
     twists: FloatArray,
@@ -92,7 +92,7 @@ class _Motion:
     def __init__(self, data: Any) -> None:
         base = TimedTransforms(data["times_s"], data["T"])
         mount, twists = data["T_base_imu"], data["twists"]
-        self._imu = base.mounted(mount)
+        self._imu = base.mount(mount)
         in_base = twists[:, :3] + np.cross(twists[:, 3:], mount[:3, 3])
         self._velocity_m_s = np.einsum("nij,nj->ni", base.T[:, :3, :3], in_base)
 

@@ -69,7 +69,7 @@ def kiss_icp(bag: Path, topic: str, *, max_range_m: float, deskew: bool = True) 
         return TimedTransforms(times_s, np.load(poses))
 
 
-def judged(
+def judge(
     estimate: TimedTransforms, truth: TimedTransforms, T_base_lidar: ArrayLike, scan_s: float
 ) -> LidarOdometryFigures:
     """Return how well an estimate of KISS-ICP agrees with the truth.
@@ -83,8 +83,8 @@ def judged(
     Raises:
         ProgramError: evo is not installed, or fails.
     """
-    true_lidar = truth.mounted(T_base_lidar)
-    late_s = time_offset_s(estimate.delayed(scan_s), true_lidar)
+    true_lidar = truth.mount(T_base_lidar)
+    late_s = time_offset_s(estimate.delay(scan_s), true_lidar)
     times_s = estimate.times_s + scan_s
     known = (times_s >= truth.times_s[0]) & (times_s <= truth.times_s[-1])
     found = TimedTransforms(times_s[known], estimate.T[known])

@@ -53,11 +53,11 @@ class TimedTransforms(ShortRepr):
     def _positions(self) -> Any:
         return scipy.interpolate.CubicSpline(self.times_s, self.T[:, :3, 3])
 
-    def mounted(self, T_body_sensor: ArrayLike) -> TimedTransforms:
+    def mount(self, T_body_sensor: ArrayLike) -> TimedTransforms:
         """Return the poses of a frame that is fixed to ours."""
         return TimedTransforms(self.times_s, np.asarray(self.T @ np.asarray(T_body_sensor)))
 
-    def delayed(self, delay_s: float) -> TimedTransforms:
+    def delay(self, delay_s: float) -> TimedTransforms:
         """Return the same poses at later times."""
         return TimedTransforms(self.times_s + delay_s, self.T)
 

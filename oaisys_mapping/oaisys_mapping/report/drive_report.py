@@ -74,8 +74,8 @@ def _figures(drive: RecordedDrive, checks: Sequence[OdometryCheck]) -> dict[str,
     bag = _bag_folder(drive)
     return {
         **drive.facts,
-        "complete": not drive.lost,
-        "lost": drive.lost,
+        "complete": not drive.losses,
+        "lost": drive.losses,
         "counts": {
             output: {name: asdict(count) for name, count in counts.items()}
             for output, counts in drive.counts.items()

@@ -78,7 +78,7 @@ def _errors(mesh: ColoredMesh, evaluation: Evaluation) -> Layer:
     return Layer("error", note, colors_rgb, 0.6)
 
 
-def decimated(mesh: ColoredMesh, max_triangles: int = MAX_TRIANGLES) -> ColoredMesh:
+def decimate(mesh: ColoredMesh, max_triangles: int = MAX_TRIANGLES) -> ColoredMesh:
     """Return a mesh of at most ``max_triangles``, by Open3D's vertex clustering.
 
     New vertices take the class of the nearest old one.
@@ -111,7 +111,7 @@ def nearest(points_m: FloatArray, wanted_m: FloatArray) -> NDArray[np.intp]:
     return np.asarray(cKDTree(points_m).query(wanted_m)[1])
 
 
-def packed_mesh(
+def pack_mesh(
     mesh: ColoredMesh, layers: Sequence[Layer], cameras: Sequence[PosedCamera]
 ) -> dict[str, str]:
     """Return the JSON header and the body that ``mesh_viewer.js`` reads.

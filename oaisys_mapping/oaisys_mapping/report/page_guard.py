@@ -49,7 +49,7 @@ class PageGuard:
         self._untold = PeriodicCount(now_s)
 
     @contextmanager
-    def installed(self) -> Iterator[None]:
+    def install(self) -> Iterator[None]:
         """Have the server that is started in the block ask this guard about every request.
 
         Raises:
@@ -85,7 +85,7 @@ class PageGuard:
             return name in self._names
 
     def _wrapped(self, process: Process) -> Process:
-        async def guarded(connection: Any, request: Request) -> Answer:
+        async def guard(connection: Any, request: Request) -> Answer:
             if reason := self.fault(request):
                 self.refused += 1
                 self._untold.add(reason)
@@ -100,7 +100,7 @@ class PageGuard:
                 answer.headers["Referrer-Policy"] = "no-referrer"  # the token stays here
             return answer
 
-        return guarded
+        return guard
 
 
 def _name_of(address: str) -> str | None:

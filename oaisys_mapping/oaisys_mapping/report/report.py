@@ -25,7 +25,7 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
-from oaisys_mapping.report.mesh_viewer import decimated, layers_of, packed_mesh
+from oaisys_mapping.report.mesh_viewer import decimate, layers_of, pack_mesh
 from oaisys_mapping.report.three_js import load_three
 
 COVERAGE_GOAL = 0.9
@@ -104,9 +104,9 @@ class SurveyReport:
     elapsed_s: Callable[[], float] | None = None
 
     @property
-    def missed(self) -> list[str]:
+    def misses(self) -> list[str]:
         """One sentence for each missed threshold and each loss."""
-        return [*self.thresholds.missed_by(self.evaluation.metrics), *self.losses]
+        return [*self.thresholds.misses_of(self.evaluation.metrics), *self.losses]
 
 
 def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
@@ -114,8 +114,8 @@ def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
     figures = {
         **report.facts,
         **report.evaluation.metrics.to_dict(),
-        "closed": not report.missed,
-        "missed": report.missed,
+        "closed": not report.misses,
+        "missed": report.misses,
         "lost": list(report.losses),
         "thresholds": asdict(report.thresholds),
         "versions": versions(),
@@ -228,7 +228,7 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         images={name: data_url(name, data) for name, data in images.items()},
         mesh_sides=list(pictures.MESH_SIDES),
         legend=legend,
-        criteria=report.thresholds.applied_to(report.evaluation.metrics),
+        criteria=report.thresholds.criteria_of(report.evaluation.metrics),
         depth_ticks_m=np.linspace(*depth_range_m(depth_m), 5).tolist() if depth_m else [],
         planners=planner_results(report.coverage, COVERAGE_GOAL),
         goal=COVERAGE_GOAL,
@@ -242,14 +242,14 @@ def _viewer(report: SurveyReport) -> dict[str, Any] | None:
     three = load_three()
     if three is None:
         return None
-    mesh = decimated(report.mesh)
+    mesh = decimate(report.mesh)
     layers = layers_of(mesh, report.evaluation, report.labels)
     script = resources.files("oaisys_mapping") / "templates" / "mesh_viewer.js"
     return {
         "three": three,
         "triangles": len(mesh.triangles),
         "script": script.read_text(encoding="utf-8"),
-        **packed_mesh(mesh, layers, report.cameras),
+        **pack_mesh(mesh, layers, report.cameras),
     }
 
 

@@ -17,13 +17,13 @@ import viser
 from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.files.markdown import escaped_markdown
+from oaisys_core.files.markdown import escape_markdown
 from oaisys_core.geometry import depth_to_points, pose_from_matrix
 from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
-from oaisys_mapping.report.mesh_viewer import decimated
+from oaisys_mapping.report.mesh_viewer import decimate
 from oaisys_mapping.report.page_guard import PageGuard
 
 MAX_CAMERAS = 200
@@ -146,7 +146,7 @@ class WebViewer:
         """Replace the mesh that is shown."""
         if not len(mesh.triangles):
             return
-        shown = decimated(mesh, MAX_TRIANGLES)
+        shown = decimate(mesh, MAX_TRIANGLES)
         solid = trimesh.Trimesh(
             shown.vertices_m, shown.triangles, vertex_colors=shown.colors_rgb, process=False
         )
@@ -218,7 +218,7 @@ class WebViewer:
     def _describe(self, view: PosedImages) -> None:
         x_m, y_m, z_m = view.camera.T_map_camera[:3, 3]
         self._description.content = (
-            f"**{self._view_count}** views; the newest, {escaped_markdown(view.name)}, from "
+            f"**{self._view_count}** views; the newest, {escape_markdown(view.name)}, from "
             f"({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m. Click a camera to look from there."
         )
 

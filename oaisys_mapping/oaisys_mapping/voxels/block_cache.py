@@ -109,7 +109,7 @@ class BlockCache:
         return self._memory.all()[0]
 
     @property
-    def stored_blocks(self) -> BlockCoordinates:
+    def blocks_on_disk(self) -> BlockCoordinates:
         """The (N, 3) blocks on disk."""
         return self._store.blocks
 

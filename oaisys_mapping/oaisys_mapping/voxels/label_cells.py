@@ -26,7 +26,7 @@ from oaisys_mapping.voxels.block_layout import (
     unique_blocks,
 )
 from oaisys_mapping.voxels.blocks import INITIAL_BLOCKS
-from oaisys_mapping.voxels.labelled_points import LabelledPoints, labelled_points
+from oaisys_mapping.voxels.labelled_points import LabelledPoints, points_with_labels
 from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import fuse_classes
 
@@ -81,7 +81,7 @@ class LabelCells:
             images: The view.
             near: (N, 3) blocks of voxels near its surface, all in memory.
         """
-        points = labelled_points(images, self.cache.voxel_size_m)
+        points = points_with_labels(images, self.cache.voxel_size_m)
         if points is None:
             return NO_BLOCKS
         blocks, index = unique_blocks(points.cells >> BLOCK_SHIFT)

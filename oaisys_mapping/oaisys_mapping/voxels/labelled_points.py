@@ -38,7 +38,7 @@ class LabelledPoints:
     weights: NDArray[np.float32]
 
 
-def labelled_points(images: PaddedImages, cell_m: float) -> LabelledPoints | None:
+def points_with_labels(images: PaddedImages, cell_m: float) -> LabelledPoints | None:
     """Return the points of pixels that have both a label and a depth; None if there are none."""
     matrix, camera_m = images.map_from_pixel
     # Counted from near the camera, so that float32 is exact enough over its range.

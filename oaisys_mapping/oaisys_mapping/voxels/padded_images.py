@@ -110,7 +110,7 @@ def check_view(
         )
 
 
-def padded_images(
+def pad_images(
     depth_m: NDArray[np.float32],
     rgb: NDArray[np.uint8] | None,
     labels: NDArray[np.uint16] | None,

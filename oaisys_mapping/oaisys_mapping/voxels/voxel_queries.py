@@ -56,7 +56,7 @@ def is_observed(tsdf: NDArray[Any], weight: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((weight > 0) & (tsdf > -1))
 
 
-def observed_voxels(
+def voxel_observations(
     low: Any, high: Any, truncation_m: float, free_keys: NDArray[np.int64], read: BlockReader
 ) -> ObservedVoxels:
     """Return the observations of the voxels from ``low`` up to, not including, ``high``.
@@ -92,7 +92,7 @@ def observed_voxels(
     return ObservedVoxels(low, _box(distance, shape)[within], _box(is_known, shape)[within])
 
 
-def observed_volume_m3(cache: BlockCache, free_keys: NDArray[np.int64]) -> float:
+def volume_observed_m3(cache: BlockCache, free_keys: NDArray[np.int64]) -> float:
     """Return the volume of all observed voxels and of free blocks without voxels."""
     voxels, blocks = 0, cache.all_blocks
     for first in range(0, len(blocks), BATCH_BLOCKS):

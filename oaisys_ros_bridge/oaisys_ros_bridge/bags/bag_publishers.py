@@ -8,7 +8,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage
 
-from oaisys_ros_bridge.bags.topic_selection import offered_profile
+from oaisys_ros_bridge.bags.topic_selection import bag_profile
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic
 from oaisys_ros_bridge.publishing.publishers import Publishers
 
@@ -52,7 +52,7 @@ class BagPublisher:
         self._owner = owner
         self._is_recorded = kind not in NOT_RECORDED
         type_name = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-        self._topic = RecordedTopic(topic, type_name, (offered_profile(qos),))
+        self._topic = RecordedTopic(topic, type_name, (bag_profile(qos),))
 
     @property
     def topic_name(self) -> str:

@@ -30,8 +30,8 @@ from oaisys_ros_bridge.bags.mcap_records import (
     DamagedRecordError,
     RecordFile,
     chunk_records,
-    parsed,
-    parsed_message,
+    parse_message,
+    parse_record,
 )
 from oaisys_ros_bridge.bags.writing import RecordedTopic
 
@@ -95,7 +95,7 @@ class FinishedBag:
         for index in self.summary.metadata_indexes:
             place = self._file.place_at(index.offset)
             if index.name == name and place is not None and place.opcode == Opcode.METADATA:
-                return parsed(Metadata, self._file.content(place)).metadata
+                return parse_record(Metadata, self._file.content(place)).metadata
         return None
 
     def _messages_of(self, offset: int) -> Iterator[Message]:
@@ -104,12 +104,12 @@ class FinishedBag:
             raise DamagedRecordError(f"no chunk begins at byte {offset}")
         for opcode, content in chunk_records(self._file.content(place)):
             if opcode == Opcode.MESSAGE:
-                yield parsed_message(content)
+                yield parse_message(content)
 
     def _messages_without_index(self) -> Iterator[Message]:
         for place in self._file.places(len(MAGIC)):
             if place.opcode == Opcode.MESSAGE:
-                message = parsed_message(self._file.content(place))
+                message = parse_message(self._file.content(place))
                 yield message
             elif place.opcode == Opcode.CHUNK:
                 yield from self._messages_of(place.offset)
@@ -127,7 +127,7 @@ def read_summary(file: RecordFile) -> Summary:
         raise DamagedRecordError("it does not begin and end as an MCAP file")
     if place is None or place.opcode != Opcode.FOOTER:
         raise DamagedRecordError("it has no footer")
-    footer = parsed(Footer, file.content(place))
+    footer = parse_record(Footer, file.content(place))
     if not 0 < footer.summary_start <= end:
         raise DamagedRecordError("it has no summary")
     checked = file.read(footer.summary_start, file.size - len(MAGIC) - 4)
@@ -144,20 +144,20 @@ def read_summary(file: RecordFile) -> Summary:
 
 def _add(summary: Summary, opcode: int, content: bytes) -> None:
     if opcode == Opcode.STATISTICS:
-        summary.statistics = parsed(Statistics, content)
+        summary.statistics = parse_record(Statistics, content)
     elif opcode == Opcode.SCHEMA:
-        schema = parsed(Schema, content)
+        schema = parse_record(Schema, content)
         summary.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
-        channel = parsed(Channel, content)
+        channel = parse_record(Channel, content)
         summary.channels[channel.id] = channel
     elif opcode == Opcode.CHUNK_INDEX:
-        summary.chunk_indexes.append(parsed(ChunkIndex, content))
+        summary.chunk_indexes.append(parse_record(ChunkIndex, content))
     elif opcode == Opcode.METADATA_INDEX:
-        summary.metadata_indexes.append(parsed(MetadataIndex, content))
+        summary.metadata_indexes.append(parse_record(MetadataIndex, content))
 
 
-def recorded_topic(schema: Schema, channel: Channel) -> RecordedTopic:
+def describe_topic(schema: Schema, channel: Channel) -> RecordedTopic:
     """Return the description of a topic.
 
     Raises:
@@ -175,7 +175,7 @@ def recorded_topic(schema: Schema, channel: Channel) -> RecordedTopic:
 
 
 @contextmanager
-def finished_file(path: Path) -> Iterator[tuple[FinishedBag, Summary]]:
+def open_finished(path: Path) -> Iterator[tuple[FinishedBag, Summary]]:
     """Open a finished MCAP file; yield a reader and the file's summary.
 
     Raises:

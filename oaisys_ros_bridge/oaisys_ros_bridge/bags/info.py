@@ -8,7 +8,7 @@ from pathlib import Path
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.bags.finished_bag import FINISHED, FinishedBag, finished_file
+from oaisys_ros_bridge.bags.finished_bag import FINISHED, FinishedBag, open_finished
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.bags.mcap_records import printable
 from oaisys_ros_bridge.bags.reading import mcap_file
@@ -33,7 +33,7 @@ def summary_of(path: Path) -> list[str]:
         InvalidInputError: There is no such file, or it is not a finished MCAP file.
     """
     file = mcap_file(path)
-    with finished_file(file) as (reader, summary):
+    with open_finished(file) as (reader, summary):
         repeats = repeats_of(reader, summary)
         losses = _losses(reader)
     statistics = summary.statistics
@@ -73,7 +73,7 @@ def losses_of(path: Path) -> BagLosses | None:
     Raises:
         InvalidInputError: There is no such file, or it is not a finished MCAP file.
     """
-    with finished_file(mcap_file(path)) as (reader, _):
+    with open_finished(mcap_file(path)) as (reader, _):
         return _losses(reader)
 
 

@@ -11,7 +11,7 @@ from typing import Self
 from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.subscribing.sample_ledger import (
     LedgerState,
-    listed,
+    counts_in_words,
     middleware_shortfall,
     samples_shortfall,
 )
@@ -120,7 +120,9 @@ class BagLosses:
         complete = f"{self.announced} samples, none of them incomplete"
         found = [samples_shortfall(state) or complete, middleware_shortfall(state)]
         if self.unwritten:
-            found.append(f"the end came before messages of {listed(self.unwritten)} were written")
+            found.append(
+                f"the end came before messages of {counts_in_words(self.unwritten)} were written"
+            )
         return list(filter(None, found))
 
 

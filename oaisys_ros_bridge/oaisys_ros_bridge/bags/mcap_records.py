@@ -164,7 +164,7 @@ def printable(name: str) -> str:
     return name if name.isprintable() else ascii(name)
 
 
-def parsed(kind: type[RecordType], content: bytes) -> RecordType:
+def parse_record(kind: type[RecordType], content: bytes) -> RecordType:
     """Return a record of `mcap.records` from its content.
 
     Raises:
@@ -177,7 +177,7 @@ def parsed(kind: type[RecordType], content: bytes) -> RecordType:
         raise DamagedRecordError(f"a record of the kind {kind.__name__} is damaged") from error
 
 
-def parsed_message(content: bytes) -> Message:
+def parse_message(content: bytes) -> Message:
     """Return a message from its content; `DamagedRecordError` where it is too short."""
     if len(content) < _MESSAGE.size:
         raise DamagedRecordError("a message is cut short")

@@ -70,7 +70,7 @@ class McapWriter:
         self._append(MCAP0_MAGIC + _bytes_of([Header(profile=profile, library="oaisys")]))
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """Whether it was finished or abandoned."""
         return self._file.closed
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from oaisys_core.errors import NotFoundError, quoted
+from oaisys_core.errors import NotFoundError, quote
 
 SEPARATOR = "=" * 80
 BUILT_IN = re.compile(r"bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)")
@@ -36,7 +36,7 @@ def message_definition(type_name: str) -> str:
     text = _share_file(type_name, "msg").read_text(encoding="utf-8")
     parts = [text]
     known = {type_name}
-    waiting = nested_types(type_name, text)
+    waiting = field_types(type_name, text)
     while waiting:
         nested = waiting.pop(0)
         if nested in known:
@@ -45,11 +45,11 @@ def message_definition(type_name: str) -> str:
         text = _share_file(nested, "msg").read_text(encoding="utf-8")
         package, _, name = nested.split("/")
         parts.append(f"{SEPARATOR}\nMSG: {package}/{name}\n{text}")
-        waiting += nested_types(nested, text)
+        waiting += field_types(nested, text)
     return "\n".join(parts)
 
 
-def nested_types(type_name: str, definition: str) -> list[str]:
+def field_types(type_name: str, definition: str) -> list[str]:
     """Return the message types of a definition's own fields, as ``package/msg/Type``."""
     package = type_name.split("/")[0]
     found = []
@@ -79,7 +79,7 @@ def type_hash(type_name: str) -> str:
 def _package_and_name(type_name: str) -> tuple[str, str]:
     """Return the parts of ``package/msg/Type``; bags may name anything as a type."""
     if not TYPE_NAME.fullmatch(type_name):
-        raise NotFoundError(f"{quoted(type_name)} is no name of a message type")
+        raise NotFoundError(f"{quote(type_name)} is no name of a message type")
     package, _, name = type_name.partition("/msg/")
     return package, name
 

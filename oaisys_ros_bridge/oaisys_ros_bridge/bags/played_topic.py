@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from oaisys_ros_bridge.bags.message_definition import message_class
-from oaisys_ros_bridge.bags.reading import offered_qos
+from oaisys_ros_bridge.bags.reading import topic_qos
 from oaisys_ros_bridge.bags.writing import RecordedTopic
 from oaisys_ros_bridge.namespaces import UNKNOWN_NODE
 
@@ -42,7 +42,7 @@ class PlayedTopic:
 
     def __init__(self, node: Node, topic: RecordedTopic, acknowledged_within_s: float) -> None:
         kind = message_class(topic.type_name)
-        offered = offered_qos(topic.qos_profiles)
+        offered = topic_qos(topic.qos_profiles)
         self._node = node
         self._depth = offered.depth or USUAL_DEPTH
         self._reliable = offered.reliable

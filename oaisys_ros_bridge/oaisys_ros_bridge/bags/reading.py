@@ -9,7 +9,7 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.files.documents import parse_yaml, read_text
-from oaisys_ros_bridge.bags.finished_bag import finished_file, recorded_topic
+from oaisys_ros_bridge.bags.finished_bag import describe_topic, open_finished
 from oaisys_ros_bridge.bags.mcap_records import RecordFile
 from oaisys_ros_bridge.bags.salvage import salvage
 from oaisys_ros_bridge.bags.writing import METADATA_FILE, RecordedTopic
@@ -33,7 +33,7 @@ class RecordedMessage:
     data: bytes
     received_ns: int
 
-    def deserialized(self, kind: type[Any]) -> Any:
+    def deserialize(self, kind: type[Any]) -> Any:
         """Return the message, whose type is ``kind``.
 
         Raises:
@@ -71,7 +71,7 @@ class BagReader:
             InvalidInputError: The bag is damaged where they are.
         """
         for file in self._files:
-            with finished_file(file) as (reader, _):
+            with open_finished(file) as (reader, _):
                 for _, channel, message in reader.iter_messages(topics):
                     yield RecordedMessage(channel.topic, message.data, message.log_time)
 
@@ -114,11 +114,11 @@ def _files_of(path: Path) -> Sequence[Path]:
 
 
 def _topics_of(file: Path) -> Iterator[RecordedTopic]:
-    with finished_file(file) as (_, summary):
+    with open_finished(file) as (_, summary):
         for channel in summary.channels.values():
             if channel.message_encoding != "cdr":
                 raise InvalidInputError("bag", str(file), "messages in CDR, as ROS 2 has them")
-            yield recorded_topic(summary.schemas[channel.schema_id], channel)
+            yield describe_topic(summary.schemas[channel.schema_id], channel)
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class OfferedQos:
     transient_local: bool
 
 
-def offered_qos(profiles: Sequence[Mapping[str, Any]]) -> OfferedQos:
+def topic_qos(profiles: Sequence[Mapping[str, Any]]) -> OfferedQos:
     """Return what all publishers of a topic offered, from the profiles in a bag."""
     depth = max((int(profile.get("depth", 0)) for profile in profiles), default=0)
     latched = bool(profiles) and all(p.get("durability") in TRANSIENT_LOCAL for p in profiles)

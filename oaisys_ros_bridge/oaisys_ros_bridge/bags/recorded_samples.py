@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json
 from oaisys_core.geometry import pose_to_matrix
-from oaisys_core.sensing.faults import CaptureId, DepthFaults, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.types import (
     Frame,
     FrameName,
@@ -81,7 +81,7 @@ class BagSamples:
         self._prefix = self._node.rpartition("/")[0]
         self._infos: dict[SampleId, SampleInfo] = {}
         for message in reader.messages([topic]):
-            info = message.deserialized(SampleInfo)
+            info = message.deserialize(SampleInfo)
             number = (info.batch_id, info.sample_id)
             self._infos.pop(number, None)  # of an earlier run: the newest counts
             self._infos[number] = info
@@ -93,7 +93,7 @@ class BagSamples:
             return None
         wanted = list(self._infos.values())[-1].config_sha256
         for message in self._reader.messages([topic]):
-            text: str = message.deserialized(String).data
+            text: str = message.deserialize(String).data
             if hashlib.sha256(text.encode()).hexdigest() == wanted:
                 return text
         return None
@@ -118,7 +118,7 @@ class BagSamples:
             sample = pending.get(struct.unpack_from("<iI", message.data, 4))
             if sample is None:
                 continue
-            image = message.deserialized(Image)
+            image = message.deserialize(Image)
             sample.images[names[message.topic]] = image_from_msg(image)
             if sample.is_complete:
                 yield pending.pop(_stamp(sample.info)).record()
@@ -155,7 +155,7 @@ class _PartialSample:
         return RecordedSample(
             outline,
             frames,
-            lambda frame: measured_frame(frame, faults, _capture(outline, frame)),
+            lambda frame: measure_frame(frame, faults, _capture(outline, frame)),
         )
 
 

@@ -12,15 +12,15 @@ from mcap.records import Channel, Message, Schema, Statistics
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_ros_bridge.bags.finished_bag import read_summary, recorded_topic
+from oaisys_ros_bridge.bags.finished_bag import describe_topic, read_summary
 from oaisys_ros_bridge.bags.mcap_records import (
     MAGIC,
     DamagedRecordError,
     RecordFile,
     RecordPlace,
     chunk_records,
-    parsed,
-    parsed_message,
+    parse_message,
+    parse_record,
     printable,
 )
 from oaisys_ros_bridge.bags.message_definition import message_definition, type_hash
@@ -69,21 +69,21 @@ class _SalvagedRecords:
         elif place.opcode == Opcode.MESSAGE_INDEX and self._skipped_chunk:
             self.lose(int.from_bytes(content[:2], "little"), (len(content) - 6) // 16)
         elif place.opcode == Opcode.STATISTICS:
-            self._statistics = self._statistics or parsed(Statistics, content)
+            self._statistics = self._statistics or parse_record(Statistics, content)
         else:
             yield from self._message(place.opcode, content)
 
     def _message(self, opcode: int, content: bytes) -> Iterator[tuple[Schema, Channel, Message]]:
         if opcode == Opcode.SCHEMA:
-            schema = parsed(Schema, content)
+            schema = parse_record(Schema, content)
             if schema.id not in self._trusted.schemas:
                 self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            channel = parsed(Channel, content)
+            channel = parse_record(Channel, content)
             if channel.id not in self._trusted.channels:
                 self._channels[channel.id] = channel
         elif opcode == Opcode.MESSAGE:
-            message = parsed_message(content)
+            message = parse_message(content)
             found = self._channels.get(message.channel_id)
             described = self._schemas.get(found.schema_id) if found is not None else None
             if found is None or described is None:
@@ -167,7 +167,7 @@ def _described(
         reasons.append(f"{name}: {error}")
         return None
     try:
-        return recorded_topic(schema, channel)
+        return describe_topic(schema, channel)
     except InvalidInputError as error:
         reasons.append(f"{name}: {error}; it is unknown in the new bag")
         return RecordedTopic(channel.topic, schema.name)

@@ -65,11 +65,11 @@ class TopicSelection:
         return name.count("/") == 1 or name.startswith(f"{self.namespace.rstrip('/')}/")
 
 
-def recorded_topic(
+def describe_topic(
     name: str, type_name: str, publishers: Sequence[TopicEndpointInfo]
 ) -> RecordedTopic:
     """Return the description of a topic in a bag, with what its publishers offer."""
-    return RecordedTopic(name, type_name, tuple(offered_profile(p.qos_profile) for p in publishers))
+    return RecordedTopic(name, type_name, tuple(bag_profile(p.qos_profile) for p in publishers))
 
 
 def subscription_qos(type_name: str, publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
@@ -83,7 +83,7 @@ def subscription_qos(type_name: str, publishers: Sequence[TopicEndpointInfo]) ->
     )
 
 
-def offered_profile(profile: QoSProfile) -> dict[str, Any]:
+def bag_profile(profile: QoSProfile) -> dict[str, Any]:
     """Return a quality of service as a bag stores it."""
     return qos_entry(
         depth=profile.depth,

@@ -169,7 +169,7 @@ class BagWriter:
         Raises:
             OSError: The summary cannot be written; the messages can be recovered.
         """
-        if self._file.closed:
+        if self._file.is_closed:
             return
         contents = BagContents(
             file_name=self._file.path.name,

@@ -57,7 +57,7 @@ class DrivePublisher:
         """
         request = drive_request(self._goal.request, self._render_queue.map_frame)
         with (
-            self._render_queue.metadata.sent() as metadata,
+            self._render_queue.metadata.lend() as metadata,
             link.drive(request, metadata) as stream,
             self._cancellation.stopping_by(stream.cancel),
         ):

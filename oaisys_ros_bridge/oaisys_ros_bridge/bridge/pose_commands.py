@@ -23,7 +23,7 @@ from oaisys_ros_bridge.bridge.requests import (
     Cancellation,
     ViewRequest,
     check_count,
-    checked_frame,
+    check_frame,
     poses_of_trajectory,
 )
 from oaisys_ros_bridge.parameters.table import Settings
@@ -124,7 +124,7 @@ def sweep_server(node: Node, render_queue: RenderQueue) -> GoalServer:
         # What readers have yet to find missing of earlier samples is not this goal's loss.
         render_queue.back_pressure.wait_until_taken(cancellation)
         before = render_queue.back_pressure.states()
-        checked_frame(array.header.frame_id, "poses.header.frame_id", render_queue.map_frame)
+        check_frame(array.header.frame_id, "poses.header.frame_id", render_queue.map_frame)
         for index, pose in enumerate(array.poses):
             request = ViewRequest(PoseStamped(header=array.header, pose=pose))
             try:

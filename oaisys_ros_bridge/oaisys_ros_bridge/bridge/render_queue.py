@@ -128,7 +128,7 @@ class RenderQueue:
             return "rendering"
         return "waiting" if self._requests else "idle"
 
-    def configured_link(self) -> SimulatorLink:
+    def require_link(self) -> SimulatorLink:
         """Return the simulator; `NotReadyError` while the bridge is unconfigured."""
         if self.link is None:
             raise NotReadyError("the bridge is unconfigured: configure it first")
@@ -283,7 +283,7 @@ class RenderQueue:
         """Pull the frames of a sample from the simulator, and publish each."""
         asked_s = time.monotonic()
         with (
-            self.metadata.sent() as metadata,
+            self.metadata.lend() as metadata,
             link.sample_stream(pose, request, metadata) as stream,
             cancellation.stopping_by(stream.cancel),
         ):

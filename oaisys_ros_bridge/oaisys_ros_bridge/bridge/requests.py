@@ -122,7 +122,7 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
     Raises:
         InvalidInputError: Unknown frame or sensor, or numbers that are no pose.
     """
-    checked_frame(stamped.header.frame_id, "pose.header.frame_id", map_frame)
+    check_frame(stamped.header.frame_id, "pose.header.frame_id", map_frame)
     pose = pose_from_msg(stamped.pose, "pose.pose")
     if not sensor:
         return pose
@@ -133,7 +133,7 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
     return pose_from_matrix(pose_to_matrix(pose) @ invert(links[sensor]))
 
 
-def checked_frame(frame: str, field: str, map_frame: str) -> None:
+def check_frame(frame: str, field: str, map_frame: str) -> None:
     """Raise `InvalidInputError` where poses come in another frame than that of the world."""
     if frame not in ("", "map", map_frame):
         raise InvalidInputError(field, frame, f"{map_frame!r} or empty")
@@ -158,7 +158,7 @@ def poses_of_trajectory(
     Raises:
         InvalidInputError: Wrong frame, no points, or a point without a transform.
     """
-    checked_frame(trajectory.header.frame_id, "trajectory.header.frame_id", map_frame)
+    check_frame(trajectory.header.frame_id, "trajectory.header.frame_id", map_frame)
     check_count("trajectory.points", trajectory.points)
     if not trajectory.points:
         raise InvalidInputError("trajectory.points", [], "at least one point")
@@ -261,7 +261,7 @@ class PendingMetadata:
     def add(self, metadata: ModuleMetadata) -> None:
         """Merge metadata into what is pending; newer values win."""
         with self._lock:
-            self._metadata = (self._metadata or ModuleMetadata()).updated(metadata)
+            self._metadata = (self._metadata or ModuleMetadata()).with_update(metadata)
 
     @property
     def asset(self) -> ModuleMetadata | None:
@@ -278,7 +278,7 @@ class PendingMetadata:
             self._metadata = None
 
     @contextmanager
-    def sent(self) -> Iterator[ModuleMetadata | None]:
+    def lend(self) -> Iterator[ModuleMetadata | None]:
         """Lend the pending metadata to a sample; it is pending again if the sample fails.
 
         Metadata that the simulator refuses is dropped: it would make every later sample fail.
@@ -290,7 +290,7 @@ class PendingMetadata:
         except OaisysError as error:
             if metadata is not None and not _is_refusal(error):
                 with self._lock:
-                    self._metadata = metadata.updated(self._metadata or ModuleMetadata())
+                    self._metadata = metadata.with_update(self._metadata or ModuleMetadata())
             raise
 
 

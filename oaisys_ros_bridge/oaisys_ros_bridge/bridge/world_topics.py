@@ -159,7 +159,7 @@ class WorldTopics:
         with self._lock:
             if self._samples is None or self._stamps is None:
                 return
-            stamp = self._stamps.repeated()
+            stamp = self._stamps.repeat_stamp()
             if stamp is not None:
                 self._samples.rig.repeat(stamp)
 
@@ -256,7 +256,7 @@ class Stamps:
             self._last_ns = max(now_ns, self._last_ns + 1)
             return stamp_from_nanoseconds(self._last_ns)
 
-    def repeated(self) -> Time | None:
+    def repeat_stamp(self) -> Time | None:
         """Return the stamp of a message that is published again: now.
 
         None if this node is the clock, during a drive, or if the clock has stood still since the

@@ -23,10 +23,10 @@ from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, Simu
 from oaisys_ros_bridge.experiments.configuration import (
     ConfiguredSensors,
     ExperimentOptions,
-    configured_sensors,
+    read_sensors,
     write_config,
 )
-from oaisys_ros_bridge.experiments.interruption import deferred_interruption
+from oaisys_ros_bridge.experiments.interruption import defer_interruption
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.namespaces import (
@@ -95,7 +95,7 @@ def bring_up(
     """
     require_namespace(options.namespace)
     config_path = write_config(options)
-    sensors = configured_sensors(config_path)
+    sensors = read_sensors(config_path)
     wanted = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensors.modalities)
     with ExitStack() as stack:
         stack.enter_context(naming_logs(options.out / "logs"))
@@ -216,7 +216,7 @@ class _Processes:
         command = python_command(module, *arguments)
         log = self._options.out / "logs" / f"{name}.log"
         # A process that was started must be on the stack, or nothing would end it.
-        with deferred_interruption():
+        with defer_interruption():
             process = ManagedProcess(name, command, log, self._environment)
             self._stack.enter_context(process)
         self._running.append(process)

@@ -102,7 +102,7 @@ class ConfiguredSensors:
     modalities: tuple[str, ...]
 
 
-def configured_sensors(path: Path) -> ConfiguredSensors:
+def read_sensors(path: Path) -> ConfiguredSensors:
     """Return the cameras of a configuration that `write_config` has written.
 
     Raises:

@@ -46,7 +46,7 @@ def raise_if_interrupted() -> None:
 
 
 @contextmanager
-def deferred_interruption() -> Iterator[None]:
+def defer_interruption() -> Iterator[None]:
     """Raise the `KeyboardInterrupt` of a signal only after the block; for the main thread."""
     _state.depth += 1
     try:

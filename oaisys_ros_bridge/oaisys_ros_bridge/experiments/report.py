@@ -84,7 +84,7 @@ def write_experiment_report(
     _say_verdict(report, options, reporter)
     if elapsed_s is not None:
         _say_times(figures, reporter)
-    return not report.missed
+    return not report.misses
 
 
 def _run_facts(run: ExperimentRun, seconds_total: float) -> dict[str, Any]:
@@ -132,9 +132,9 @@ def _say_verdict(report: SurveyReport, options: ExperimentOptions, reporter: Rep
         f"RMSE {figures.rmse_m:.4f} m, completion {figures.completion_ratio:.4f}, "
         f"F-score {figures.f_score:.4f}, holes {figures.hole_ratio:.4f}"
     )
-    for sentence in report.missed:
+    for sentence in report.misses:
         reporter.say(f"missed: {sentence}")
-    verdict = "does not agree" if report.missed else "agrees"
+    verdict = "does not agree" if report.misses else "agrees"
     reporter.say(f"the map {verdict} with the true surface: {options.out / 'report.html'}")
 
 

@@ -20,7 +20,7 @@ from oaisys_mapping.report.web_viewer import PosedImages
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.clouds import mesh_from_marker
 from oaisys_ros_bridge.conversions import nanoseconds
-from oaisys_ros_bridge.live_view.source import LiveSource, LiveUpdate, posed_images
+from oaisys_ros_bridge.live_view.source import LiveSource, LiveUpdate, images_with_pose
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
@@ -152,4 +152,4 @@ class _Camera:
         if frame.labels is not None:
             images[SEMANTIC_0] = frame.labels
         name = f"{self._views} {self.name}"
-        return posed_images(name, images, frame.intrinsics, frame.T_map_camera)
+        return images_with_pose(name, images, frame.intrinsics, frame.T_map_camera)

@@ -24,7 +24,7 @@ from oaisys_core.types import (
 from oaisys_grpc.client.simulator_client import ClientTls, SimulatorClient
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectify, rectify_camera
 from oaisys_mapping.report.web_viewer import PosedImages
 
 _LOG = logging.getLogger(__name__)
@@ -134,10 +134,10 @@ def _views_of(sample: Sample) -> Iterator[PosedImages]:
             _LOG.warning("%s is a fisheye, which the page does not show", sensor)
             continue
         name = f"{sample.batch_id}.{sample.sample_id} {sensor}"
-        yield posed_images(name, images, any_frame.intrinsics, any_frame.T_map_camera)
+        yield images_with_pose(name, images, any_frame.intrinsics, any_frame.T_map_camera)
 
 
-def posed_images(
+def images_with_pose(
     name: str,
     images: Mapping[str, NDArray[Any]],
     intrinsics: PinholeIntrinsics,
@@ -153,6 +153,6 @@ def posed_images(
     """
     depth_m, rgb = images.get(DEPTH), images.get(RGB)
     if depth_m is not None:
-        depth_m, rgb = rectified(depth_m, rgb, intrinsics)
-    camera = PosedCamera(rectified_camera(intrinsics), T_map_camera)
+        depth_m, rgb = rectify(depth_m, rgb, intrinsics)
+    camera = PosedCamera(rectify_camera(intrinsics), T_map_camera)
     return PosedImages(name, rgb, depth_m, images.get(SEMANTIC_0), camera)

@@ -18,7 +18,7 @@ from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
+from oaisys_mapping.rectification import rectify, rectify_camera, rectify_labels
 from oaisys_mapping.voxels.config import TsdfConfig
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ class Fusion:
         Raises:
             DeadlineExceededError: Some of them are not integrated after ``timeout_s``.
         """
-        with self.settled(timeout_s) as volume:
+        with self.settle(timeout_s) as volume:
             return volume.extract_mesh(), tuple(self._views)
 
     def visible_surface(self) -> ColoredMesh:
@@ -163,7 +163,7 @@ class Fusion:
             return self._volume.extract_mesh(with_stored=False)
 
     @contextmanager
-    def settled(self, timeout_s: float) -> Iterator[TsdfVolume]:
+    def settle(self, timeout_s: float) -> Iterator[TsdfVolume]:
         """Lend the volume once all frames received so far are in it; none is fused meanwhile.
 
         Raises:
@@ -199,12 +199,12 @@ class Fusion:
         self._thread.join()
 
     def _wait_for(self, received: int, timeout_s: float) -> None:
-        def settled() -> bool:
+        def settle() -> bool:
             state = self._state
             return state.received < received or state.integrated + state.dropped >= received
 
         with self._settled:
-            if not self._settled.wait_for(settled, timeout_s):
+            if not self._settled.wait_for(settle, timeout_s):
                 message = f"{received} frames were not integrated within {timeout_s:g} s"
                 raise DeadlineExceededError(message)
 
@@ -232,11 +232,11 @@ class Fusion:
         """Fuse a frame; return why that fails, or an empty string."""
         start_s = time.perf_counter()
         try:
-            camera = rectified_camera(frame.intrinsics)
-            depth_m, rgb = rectified(frame.depth_m, frame.rgb, frame.intrinsics)
+            camera = rectify_camera(frame.intrinsics)
+            depth_m, rgb = rectify(frame.depth_m, frame.rgb, frame.intrinsics)
             labels = None
             if frame.labels is not None:
-                labels = rectified_labels(frame.labels, frame.intrinsics)
+                labels = rectify_labels(frame.labels, frame.intrinsics)
             self._volume.integrate(depth_m, rgb, camera, frame.T_map_camera, labels)
         except Exception as error:  # noqa: BLE001 - without this thread nothing is fused any more
             known = isinstance(error, OaisysError)

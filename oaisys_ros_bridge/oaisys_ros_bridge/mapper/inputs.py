@@ -86,9 +86,9 @@ class MapperInputs:
         self._subscribe(values)
 
     @property
-    def given_up(self) -> int:
+    def dropouts(self) -> int:
         """How many depth images became no frame."""
-        return self._assembler.given_up
+        return self._assembler.dropouts
 
     def clear(self) -> None:
         """Forget the frames so far, and those that are incomplete."""

@@ -67,7 +67,7 @@ class MeshTopics:
         )
 
 
-def clustered(mesh: ColoredMesh, cell_m: float) -> ColoredMesh:
+def cluster_vertices(mesh: ColoredMesh, cell_m: float) -> ColoredMesh:
     """Return the mesh with one vertex per grid cell: the mean of the vertices in the cell.
 
     Vertex clustering as in Rossignac and Borrel, "Multi-resolution 3D approximations for rendering
@@ -97,6 +97,6 @@ def at_most(mesh: ColoredMesh, triangles: int, cell_m: float) -> ColoredMesh:
     """
     small = mesh
     while len(small.triangles) > triangles:
-        small = clustered(mesh, cell_m)
+        small = cluster_vertices(mesh, cell_m)
         cell_m *= 1.5
     return small

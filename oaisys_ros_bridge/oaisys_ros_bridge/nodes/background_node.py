@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
-from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
+from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
 CLOSE_TIMEOUT_S = 2.0
@@ -47,7 +47,7 @@ class BackgroundNode:
         """
         prepare_transport()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        with checked_ros_arguments(arguments):
+        with check_ros_arguments(arguments):
             self.node = Node(name, cli_args=list(arguments))
         hide_shared_memory()
         self.changed = threading.Condition()

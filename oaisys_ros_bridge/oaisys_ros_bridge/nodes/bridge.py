@@ -116,7 +116,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def activate(self) -> None:
         """Make sure that there is a world, announce it, and render."""
-        link = self._render_queue.configured_link()
+        link = self._render_queue.require_link()
         if not link.state.ready:
             link.check()
         if not link.state.ready:
@@ -266,7 +266,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def _on_end_simulation(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         try:
-            self._render_queue.configured_link().end_simulation()
+            self._render_queue.require_link().end_simulation()
             response.success = True
         except OaisysError as error:
             response.message = str(error)

@@ -205,7 +205,7 @@ class MapperNode(ParameterNode, Node):
                 f"{len(missing)} announced samples were not in the map within {timeout_s:g} s, "
                 f"from {missing[0]} on"
             )
-        with self._fusion.settled(max(end_s - time.monotonic(), 0.0)) as volume:
+        with self._fusion.settle(max(end_s - time.monotonic(), 0.0)) as volume:
             yield volume
 
     @property
@@ -234,7 +234,7 @@ class MapperNode(ParameterNode, Node):
                 header=Header(stamp=stamp, frame_id=self.parameters["map_frame"]),
                 frames_received=state.received,
                 frames_integrated=state.integrated,
-                frames_dropped=state.dropped + self._inputs.given_up,
+                frames_dropped=state.dropped + self._inputs.dropouts,
                 integration_time=state.integration_time_s,
                 metrics_json=self._metrics_json,
                 samples_announced=samples.announced,

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
-from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
+from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
@@ -87,7 +87,7 @@ def run_node(
     prepare_transport()
     given = list(sys.argv if arguments is None else arguments)
     try:
-        with checked_ros_arguments(given[1:]):
+        with check_ros_arguments(given[1:]):
             rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
             node = make_node()
             hide_shared_memory()

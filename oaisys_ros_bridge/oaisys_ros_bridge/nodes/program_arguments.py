@@ -20,7 +20,7 @@ _PLACE_IN_SOURCE = re.compile(r",? at /\S+:\d+")
 
 
 @contextmanager
-def checked_ros_arguments(arguments: Sequence[str]) -> Iterator[None]:
+def check_ros_arguments(arguments: Sequence[str]) -> Iterator[None]:
     """Raise `InvalidInputError` where ROS cannot use the arguments that the block gives it."""
     try:
         yield
@@ -42,7 +42,7 @@ def parse_arguments(
     open_standard_streams()
     given = list(sys.argv if arguments is None else arguments)
     try:
-        with checked_ros_arguments(given[1:]):
+        with check_ros_arguments(given[1:]):
             own = remove_ros_args(given)[1:]
     except InvalidInputError as error:
         parser.error(str(error))

@@ -25,7 +25,7 @@ from oaisys_ros_bridge.bags.message_definition import message_class
 from oaisys_ros_bridge.bags.serialized_stamps import StampReader, stamp_reader
 from oaisys_ros_bridge.bags.topic_selection import (
     TopicSelection,
-    recorded_topic,
+    describe_topic,
     subscription_qos,
 )
 from oaisys_ros_bridge.bags.writing import BagWriter
@@ -262,7 +262,7 @@ class RecorderNode(ParameterNode, Node):
             return {t for t in info.topics if t not in self._not_installed and self._includes(t)}
         if watch.ledger.state.announced:
             return self._counted
-        return watch.ledger.arrived(nanoseconds(info.header.stamp))
+        return watch.ledger.arrivals(nanoseconds(info.header.stamp))
 
     def _subscribe(self, name: str, type_name: str) -> None:
         """Subscribe to a topic, unless it has lost its publishers or its type is not installed."""
@@ -272,7 +272,7 @@ class RecorderNode(ParameterNode, Node):
         try:
             message_type = message_class(type_name)
             with self._bag_lock:
-                self._bag.add_topic(recorded_topic(name, type_name, publishers))
+                self._bag.add_topic(describe_topic(name, type_name, publishers))
         except NotFoundError as error:
             self._not_installed.add(name)
             self.get_logger().warning(f"{name} is not recorded: {error}")

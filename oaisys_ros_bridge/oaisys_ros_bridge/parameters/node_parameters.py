@@ -34,7 +34,7 @@ def descriptor_of(row: ParameterRow) -> ParameterDescriptor:
         name=row.name,
         type=PARAMETER_TYPES[row.kind].value,
         description=row.description,
-        additional_constraints=f"{row.expected}; can be set {row.changeable.value}",
+        additional_constraints=f"{row.expectation}; can be set {row.changeable.value}",
         read_only=row.changeable is Changeable.AT_START,
     )
     if row.least is not None or row.most is not None:
@@ -76,10 +76,10 @@ class ParameterNode(Node):
         values = {}
         for row in table:
             default = defaults.get(row.name, row.default)
-            # Of any type at first, so that wrong values are refused by `checked`, with its message.
+            # Of any type at first, so that wrong values are refused by `check`, with its message.
             anything = ParameterDescriptor(dynamic_typing=True)
             started_with = self.declare_parameter(row.name, default, anything).value
-            values[row.name] = row.checked(started_with)
+            values[row.name] = row.check(started_with)
             value = Parameter(row.name, PARAMETER_TYPES[row.kind], values[row.name])
             self.set_descriptor(row.name, descriptor_of(row), value.get_parameter_value())
         table.check_together(values)
@@ -118,7 +118,7 @@ class ParameterNode(Node):
             expected = one_of((row.name for row in self._table), parameter.name)
             raise InvalidInputError("parameter", parameter.name, expected)
         row = self._table[parameter.name]
-        value = row.checked(parameter.value)
+        value = row.check(parameter.value)
         if reason := self.reason_against(row):
             raise InvalidInputError(row.name, value, reason)
         return Parameter(row.name, PARAMETER_TYPES[row.kind], value)

@@ -126,7 +126,7 @@ def _parameter_line(row: ParameterRow) -> str:
         row.unit,
         f"`{default}`",
         row.description,
-        row.expected,
+        row.expectation,
         row.changeable.value,
     )
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

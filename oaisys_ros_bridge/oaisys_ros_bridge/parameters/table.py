@@ -76,7 +76,7 @@ class ParameterRow:
         return _TYPE_NAMES[self.kind]
 
     @property
-    def expected(self) -> str:
+    def expectation(self) -> str:
         """Its valid values in words: type, range, choices."""
         unit = f" {self.unit}" if self.unit else ""
         if self.choices:
@@ -91,7 +91,7 @@ class ParameterRow:
             return f"{self.type_name} of at most {self.most:g}{unit}"
         return self.type_name + (f" in{unit}" if unit else "")
 
-    def checked(self, value: object) -> Any:
+    def check(self, value: object) -> Any:
         """Return a value as the parameter's type; a double may be given as a whole number.
 
         Raises:
@@ -101,7 +101,7 @@ class ParameterRow:
             value = float(value)
         if type(value) is not self.kind or not self._allows(value):
             hint = did_you_mean(value, self.choices)
-            raise InvalidInputError(self.name, value, self.expected + hint)
+            raise InvalidInputError(self.name, value, self.expectation + hint)
         return value
 
     def _allows(self, value: Any) -> bool:

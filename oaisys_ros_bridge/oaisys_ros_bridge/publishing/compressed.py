@@ -21,7 +21,7 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.conversions import checked_type
+from oaisys_ros_bridge.conversions import check_type
 
 DepthEncoding = Literal["32FC1", "16UC1"]
 ColorFormat = Literal["jpeg", "png"]
@@ -75,7 +75,7 @@ def depth_error_bound_m(depth_m: float, compression: Compression) -> float:
     return 0.5 * depth_m**2 / (a - 0.5 * depth_m)
 
 
-def compressed_to_msg(
+def image_to_compressed_msg(
     data: NDArray[Any], encoding: str, header: Header, compression: Compression
 ) -> CompressedImage:
     """Return the message of topic ``…/compressed``.
@@ -90,7 +90,7 @@ def compressed_to_msg(
     Raises:
         InvalidInputError: Images of this encoding are not compressed.
     """
-    checked_type(data, np.ndarray, "image.data")
+    check_type(data, np.ndarray, "image.data")
     if encoding in COLORS:
         kind = compression.color_format
         pixels, target = cv2.cvtColor(data, cv2.COLOR_RGB2BGR), "bgr8"
@@ -106,11 +106,11 @@ def compressed_to_msg(
     return _message(header, f"{encoding}; {kind} compressed {target}", file)
 
 
-def compressed_depth_to_msg(
+def depth_to_compressed_msg(
     depth_m: NDArray[np.float32], header: Header, compression: Compression
 ) -> CompressedImage:
     """Return the message of topic ``…/compressedDepth`` for an (H, W) float32 image in metres."""
-    checked_type(depth_m, np.ndarray, "image.data")
+    check_type(depth_m, np.ndarray, "image.data")
     if depth_m.ndim != 2 or depth_m.dtype != np.float32:
         raise InvalidInputError("image.data", (depth_m.shape, str(depth_m.dtype)), "(H, W) float32")
     a, b = compression.quantization

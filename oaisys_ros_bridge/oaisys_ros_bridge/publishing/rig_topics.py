@@ -59,7 +59,7 @@ class RigTopics:
         sigmas = (values["faults.drift_m"], values["faults.drift_rad"])
         true, sample_id = outline.rig_pose, outline.sample_id
         # Drift of the simulator (sensors.faults) and of the bridge add up.
-        believed = self._drift.drifted(
+        believed = self._drift.estimate(
             outline.odometry.pose if outline.odometry else true,
             sigmas,
             values["faults.seed"],

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from oaisys_core.geometry import pose_from_matrix
-from oaisys_core.sensing.faults import CaptureId, DepthFaults, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.types import (
     DEPTH,
     POINTS,
@@ -212,7 +212,7 @@ class Publication:
                 self._publisher.lidars[frame.sensor].publish(frame, self.stamp)
                 return
             capture = CaptureId(self._outline.batch_id, self._outline.sample_id, frame.sensor)
-            frame = measured_frame(frame, self._faults, capture)
+            frame = measure_frame(frame, self._faults, capture)
             topics = self._publisher.sensors[frame.sensor]
             topics.publish_frame(frame, self.stamp, self._values)
             self._frames[FrameName(frame.sensor, frame.modality)] = frame

@@ -43,8 +43,8 @@ from oaisys_ros_bridge.publishing.compressed import (
     IDS,
     LABELS,
     Compression,
-    compressed_depth_to_msg,
-    compressed_to_msg,
+    depth_to_compressed_msg,
+    image_to_compressed_msg,
 )
 from oaisys_ros_bridge.publishing.publishers import Publishers, TopicPublisher, has_subscribers
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
@@ -84,7 +84,7 @@ def encoding_of(frame: Frame) -> str:
     return ENCODING_BY_MODALITY.get(frame.modality) or opencv_encoding(frame.data)
 
 
-def compressed_variants(modality: str) -> tuple[str, ...]:
+def topic_variants(modality: str) -> tuple[str, ...]:
     """Return the names of a modality's compressed topics.
 
     Depth and range have two topics with the same messages: the name of image_transport, and the
@@ -193,7 +193,7 @@ class SensorTopics:
         return self._publishers.offer(CameraInfo, topic, SENSOR_QOS)
 
     def _compressed(self, modality: str) -> list[TopicPublisher]:
-        topics = [self._topic(modality, f"image_raw/{v}") for v in compressed_variants(modality)]
+        topics = [self._topic(modality, f"image_raw/{v}") for v in topic_variants(modality)]
         return [self._publishers.offer(CompressedImage, topic, SENSOR_QOS) for topic in topics]
 
     def _cloud(self) -> TopicPublisher:
@@ -202,9 +202,9 @@ class SensorTopics:
 
 
 def _compressed_msg(frame: Frame, header: Header, compression: Compression) -> Any:
-    if COMPRESSED_DEPTH in compressed_variants(frame.modality):
-        return compressed_depth_to_msg(frame.data, header, compression)
-    return compressed_to_msg(frame.data, encoding_of(frame), header, compression)
+    if COMPRESSED_DEPTH in topic_variants(frame.modality):
+        return depth_to_compressed_msg(frame.data, header, compression)
+    return image_to_compressed_msg(frame.data, encoding_of(frame), header, compression)
 
 
 def _section(values: Mapping[str, Any], name: str) -> dict[str, Any]:

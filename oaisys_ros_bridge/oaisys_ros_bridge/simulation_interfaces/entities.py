@@ -95,7 +95,7 @@ def entity_of(thing: SceneObject) -> Entity:
     return Entity(thing.name, "", category, description, tags, np.eye(4), thing)
 
 
-def filtered(
+def filter_entities(
     entities: Sequence[Entity], filters: EntityFilters, rig_pose: Pose | None
 ) -> list[Entity]:
     """Return the entities that pass all filters.

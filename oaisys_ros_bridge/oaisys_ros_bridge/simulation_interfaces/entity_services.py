@@ -11,7 +11,7 @@ from rclpy.node import Node
 from simulation_interfaces.msg import EntityCategory, EntityInfo, EntityState, Result
 from std_msgs.msg import Header
 
-from oaisys_core.errors import InvalidInputError, quoted
+from oaisys_core.errors import InvalidInputError, quote
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import ViewRequest, rig_pose
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
@@ -20,7 +20,7 @@ from oaisys_ros_bridge.simulation_interfaces.entities import (
     Entity,
     UnsupportedBoundsError,
     entities_of,
-    filtered,
+    filter_entities,
 )
 from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_services
 from oaisys_ros_bridge.simulation_interfaces.scene_entities import NameTakenError, SceneEntities
@@ -154,7 +154,7 @@ class EntityServices:
         name = request.name
         if name and not NAME.fullmatch(name):
             message = (
-                f"name: received {quoted(name)}, expected a letter, then letters, digits, _ or -"
+                f"name: received {quote(name)}, expected a letter, then letters, digits, _ or -"
             )
             raise RefusedError(srv.SpawnEntity.Response.NAME_INVALID, message)
         if not name:
@@ -163,12 +163,12 @@ class EntityServices:
             return str(name)
         if request.allow_renaming:
             return self._things.free_name(name, own)
-        raise NameTakenError(f"name: received {quoted(name)}, which something has already")
+        raise NameTakenError(f"name: received {quote(name)}, which something has already")
 
     def _delete_entity(self, request: Any, response: Any) -> None:
         entity = self._entity(request.entity)
         if entity.thing is None:
-            message = f"entity: received {quoted(entity.name)}, the rig and its sensors stay"
+            message = f"entity: received {quote(entity.name)}, the rig and its sensors stay"
             raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
         self._things.delete(entity.thing)
 
@@ -176,7 +176,7 @@ class EntityServices:
         """Return the entities that pass the filters, and a note about those that were left out."""
         try:
             entities = self._rig_entities()
-            found = filtered(entities, filters, self._simulation.rig_pose)
+            found = filter_entities(entities, filters, self._simulation.rig_pose)
             things, left_out = self._things.matching(filters, self._settings()["max_entities"])
             return found + things, left_out
         except UnsupportedBoundsError as error:
@@ -190,7 +190,7 @@ class EntityServices:
         entity = entities.get(name) or self._things.find(name)
         if entity is None:
             expected = f"one of {', '.join(entities)}, or something on the ground (get_entities)"
-            message = f"entity: received {quoted(name)}, expected {expected}"
+            message = f"entity: received {quote(name)}, expected {expected}"
             raise RefusedError(Result.RESULT_NOT_FOUND, message)
         return entity
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from simulation_interfaces.msg import Bounds, EntityFilters
 
-from oaisys_core.errors import NotFoundError, quoted
+from oaisys_core.errors import NotFoundError, quote
 from oaisys_core.types import (
     MAX_OBJECTS,
     ModuleMetadata,
@@ -23,7 +23,7 @@ from oaisys_core.types import (
     SceneObject,
 )
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
-from oaisys_ros_bridge.simulation_interfaces.entities import Entity, entity_of, filtered
+from oaisys_ros_bridge.simulation_interfaces.entities import Entity, entity_of, filter_entities
 
 ADDED = "added"
 _UNCHANGED_LOOK: dict[str, Any] = {
@@ -49,7 +49,7 @@ class SceneEntities:
     """
 
     def __init__(self, render_queue: RenderQueue) -> None:
-        self._link = render_queue.configured_link
+        self._link = render_queue.require_link
         self._pending = render_queue.metadata
         self._changing = threading.Lock()
 
@@ -67,7 +67,7 @@ class SceneEntities:
             size = min(MAX_OBJECTS, max(1, limit + 1)) if _is_plain(filters) else MAX_OBJECTS
             query = ObjectQuery(low_m=low_m, high_m=high_m, after_instance_id=after, limit=size)
             page = self._listed(query)
-            found += filtered([entity_of(thing) for thing in page.objects], filters, None)
+            found += filter_entities([entity_of(thing) for thing in page.objects], filters, None)
             listed, total = listed + len(page.objects), page.total
             after = page.next_after_instance_id
             if not after or len(found) > limit:
@@ -100,7 +100,7 @@ class SceneEntities:
         """
         with self._changing:
             if self.find(name) is not None:
-                raise NameTakenError(f"name: received {quoted(name)}, which something has already")
+                raise NameTakenError(f"name: received {quote(name)}, which something has already")
             self._change({"add": {name: {**_UNCHANGED_LOOK, **spec, **_pose_keys(pose)}}})
             entity = self.find(name)
         if entity is None or entity.thing is None:  # the spec hides it
@@ -135,7 +135,7 @@ class SceneEntities:
         """Let the simulator check a change on top of the pending ones, then add it to them."""
         change = ModuleMetadata(asset=asset)
         before = self._pending.asset or ModuleMetadata()
-        self._link().list_objects(ObjectQuery(limit=1), before.updated(change))
+        self._link().list_objects(ObjectQuery(limit=1), before.with_update(change))
         self._pending.add(change)
 
     def _listed(self, query: ObjectQuery) -> ObjectPage:

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Resource, Result, SimulatorFeatures, WorldResource
 
-from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, quoted
+from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, quote
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import Cancellation
@@ -194,7 +194,7 @@ class SimulationServices:
                 world = world_from_json(resource.resource_string)
             if world is None:
                 message = (
-                    f"uri: received {quoted(resource.uri)}, expected oaisys:SEED or oaisys:next"
+                    f"uri: received {quote(resource.uri)}, expected oaisys:SEED or oaisys:next"
                 )
                 raise RefusedError(codes.UNSUPPORTED_FORMAT, message)
             self._simulation.load(world)

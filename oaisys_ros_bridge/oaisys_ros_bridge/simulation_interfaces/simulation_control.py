@@ -63,7 +63,7 @@ class SimulationControl:
         Raises:
             NotReadyError: There is no simulator.
         """
-        link = self._render_queue.configured_link()
+        link = self._render_queue.require_link()
         if link.building:
             return LOADING_WORLD
         if self._mode == QUITTING and link.state.info is None:
@@ -86,7 +86,7 @@ class SimulationControl:
 
     def info(self) -> SimulatorInfo:
         """Return the simulator's description; `NotReadyError` where there is none."""
-        return self._render_queue.configured_link().info
+        return self._render_queue.require_link().info
 
     def resume(self) -> None:
         """Render all requests again."""
@@ -114,7 +114,7 @@ class SimulationControl:
 
     def quit(self) -> None:
         """End the simulator."""
-        link = self._render_queue.configured_link()
+        link = self._render_queue.require_link()
         self._enter(QUITTING)  # until the bridge has noticed that it is gone
         link.end_simulation()
 
@@ -138,7 +138,7 @@ class SimulationControl:
 
     def build(self, request: WorldRequest) -> int:
         """Build a world and return its batch id."""
-        batch_id = self._render_queue.configured_link().step_batch(
+        batch_id = self._render_queue.require_link().step_batch(
             seed=request.seed, reuse_stage=request.reuse_stage, metadata=request.metadata
         )
         self._render_queue.forget_world()

@@ -142,7 +142,7 @@ class FrameAssembler:
             self._on_given_up(oldest_ns, WITHOUT_POSE)
 
     @property
-    def given_up(self) -> int:
+    def dropouts(self) -> int:
         """How many depth images were dropped for lack of a camera, a pose or their sample."""
         return self._images.given_up + self._without_pose_lost
 

@@ -187,7 +187,7 @@ class SampleLedger:
             settled = self._settle()
         self._report(settled)
 
-    def arrived(self, stamp_ns: int) -> set[str]:
+    def arrivals(self, stamp_ns: int) -> set[str]:
         """Return what has come of a sample that is not announced yet."""
         with self._changed:
             return set(self._early.get(stamp_ns, ()))
@@ -335,16 +335,16 @@ def samples_shortfall(state: LedgerState) -> str:
     """Return a sentence about what is missing of samples; empty: nothing is."""
     if not state.incomplete:
         return ""
-    lost = listed(state.lost)
+    lost = counts_in_words(state.lost)
     return f"{state.incomplete} of {state.announced} samples are incomplete; lost: {lost}"
 
 
 def middleware_shortfall(state: LedgerState) -> str:
     """Return a sentence about what the middleware says was lost; empty: nothing was."""
-    lost = listed(state.lost_by_middleware)
+    lost = counts_in_words(state.lost_by_middleware)
     return f"the middleware lost messages of {lost}" if lost else ""
 
 
-def listed(counts: Mapping[str, int]) -> str:
+def counts_in_words(counts: Mapping[str, int]) -> str:
     """Return counts by name in words."""
     return ", ".join(f"{what} {count}" for what, count in sorted(counts.items()))

@@ -7,7 +7,7 @@ import pytest
 
 from oaisys_core.config import (
     SimulationConfig,
-    adjusted,
+    adjust,
     config_from_mapping,
     config_sha256,
     load_config,
@@ -101,7 +101,7 @@ def test_resizing_keeps_what_a_camera_sees() -> None:
     camera = {"cx_px": 300.0, "fy_px": 500.0}
     config = config_from_mapping({"sensors": {"cameras": [camera]}})
     before = SensorsModule(config.sensors).sensors[0].intrinsics
-    after = SensorsModule(adjusted(config, size="320x120").sensors).sensors[0].intrinsics
+    after = SensorsModule(adjust(config, size="320x120").sensors).sensors[0].intrinsics
     corners = np.array([[-0.5, -0.5], [639.5, 479.5]])
     small_corners = np.array([[-0.5, -0.5], [319.5, 119.5]])
 
@@ -113,5 +113,5 @@ def test_resizing_keeps_what_a_camera_sees() -> None:
 
 def test_adjusting_with_the_same_values_keeps_the_hash() -> None:
     config = SimulationConfig()
-    same = adjusted(config, seed=1, backend="blender", quality="standard")
+    same = adjust(config, seed=1, backend="blender", quality="standard")
     assert config_sha256(same) == config_sha256(config)

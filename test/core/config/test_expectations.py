@@ -13,11 +13,11 @@ import yaml
 from pydantic import ValidationError
 from repository import REPOSITORY
 
-from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, load_config
+from oaisys_core.config import SimulationConfig, adjust, config_from_mapping, load_config
 from oaisys_core.config.expectations import WORDS
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.files.path_fields import BASE
-from oaisys_core.world.module import overridden
+from oaisys_core.world.module import override
 from oaisys_core.world.modules import SensorsModule
 from oaisys_core.world.modules.assets.metadata import asset_metadata
 
@@ -158,9 +158,9 @@ def test_a_key_of_another_kind_is_not_suggested() -> None:
 @pytest.mark.parametrize(
     ("refuse", "near"),
     [
-        (lambda: overridden(SimulationConfig().stage, {"presett": 1}, "stage"), "preset"),
+        (lambda: override(SimulationConfig().stage, {"presett": 1}, "stage"), "preset"),
         (
-            lambda: overridden(
+            lambda: override(
                 SimulationConfig().environment,
                 {"haze": {"visibility_m": 9, "colour_srgb": [1, 1, 1]}},
                 "environment",
@@ -202,10 +202,10 @@ def test_a_fault_below_a_kind_has_the_line_of_its_own_key(tmp_path: Path) -> Non
 def test_options_and_metadata_are_refused_in_the_same_words() -> None:
     qualities = "'geometry', 'preview', 'standard', 'high' or 'final'"
     with pytest.raises(InvalidInputError) as found:
-        adjusted(SimulationConfig(), quality="x")
+        adjust(SimulationConfig(), quality="x")
     assert str(found.value) == f"render.quality: received 'x', expected {qualities}"
     with pytest.raises(InvalidInputError) as found:
-        overridden(SimulationConfig().render, {"quality": "x"}, "render")
+        override(SimulationConfig().render, {"quality": "x"}, "render")
     assert str(found.value) == f"metadata.render.quality: received 'x', expected {qualities}"
     with pytest.raises(InvalidInputError) as found:
         asset_metadata({}, {"count_factor": {"rock": "many"}})

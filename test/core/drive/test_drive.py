@@ -21,7 +21,7 @@ from oaisys_core.drive.drive import Drive
 from oaisys_core.output.writer import SampleWriter
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory.files import read_trajectory, write_poses
-from oaisys_core.verification.recorded_samples import compared, open_records
+from oaisys_core.verification.recorded_samples import compare, open_records
 
 OAISYS = Path(sys.executable).with_name("oaisys")
 
@@ -178,13 +178,13 @@ def test_the_samples_of_a_drive_repeat_to_the_byte_though_the_rig_moved(tmp_path
     SampleWriter(tmp_path).write(sample)
     (record,) = open_records(tmp_path / "batch_0001").read([(1, sample.sample_id)])
     again = simulation.repeat(record.outline)
-    assert [each.name.modality for each in compared(record, again, 40.0)] == ["depth", "points"]
-    assert all(each.is_equal for each in compared(record, again, 40.0))
+    assert [each.name.modality for each in compare(record, again, 40.0)] == ["depth", "points"]
+    assert all(each.is_equal for each in compare(record, again, 40.0))
     # Without the motion, the same record gives other bytes.
     how = record.outline.provenance
     assert 500 < len(how.motion_json) < 6000
     still = simulation.repeat(replace(record.outline, provenance=replace(how, motion_json="")))
-    assert not any(each.is_equal for each in compared(record, still, 40.0))
+    assert not any(each.is_equal for each in compare(record, still, 40.0))
     simulation.close()
 
 

@@ -14,7 +14,7 @@ from oaisys_core.drive.drive import Drive
 from oaisys_core.drive.instants import DriveTimes
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.simulation import Simulation
-from oaisys_core.trajectory.planning import changed_drive
+from oaisys_core.trajectory.planning import change_drive
 from oaisys_core.types import DriveInstant
 
 CONFIG = config_from_mapping(DRIVEN_WORLD)
@@ -67,13 +67,13 @@ def test_a_drive_with_too_many_measurements_is_refused_before_it_is_scheduled(
 
 def test_a_request_replaces_keys_of_the_configured_drive() -> None:
     configured = CONFIG.drive
-    changed = changed_drive(configured, {"waypoints_m": [[0, 0], [1, 1]], "gravity": "mars"})
+    changed = change_drive(configured, {"waypoints_m": [[0, 0], [1, 1]], "gravity": "mars"})
     assert (changed.waypoints_m, changed.duration_s) == (((0, 0), (1, 1)), None)
     assert (changed.gravity_m_s2, changed.odometry_rate_hz) == (3.728, 20.0)
-    assert changed_drive(configured, {"gravity": 2}).duration_s == 1.0
-    assert changed_drive(configured, {}) == configured
+    assert change_drive(configured, {"gravity": 2}).duration_s == 1.0
+    assert change_drive(configured, {}) == configured
     with pytest.raises(InvalidInputError) as caught:
-        changed_drive(configured, {"vehicle": {"kind": "rover", "speed_m_s": -1}})
+        change_drive(configured, {"vehicle": {"kind": "rover", "speed_m_s": -1}})
     assert caught.value.field == "drive.vehicle.speed_m_s"
     with pytest.raises(InvalidInputError, match="waypoints"):
-        changed_drive(None, {"gravity": "mars"})
+        change_drive(None, {"gravity": "mars"})

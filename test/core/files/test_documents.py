@@ -10,7 +10,7 @@ import pytest
 
 from oaisys_core.cli.metadata_file import load_steps
 from oaisys_core.config import load_config
-from oaisys_core.errors import ConfigError, InvalidInputError, quoted
+from oaisys_core.errors import ConfigError, InvalidInputError, quote
 from oaisys_core.files.documents import (
     MAX_DEPTH,
     MAX_TEXT_BYTES,
@@ -102,7 +102,7 @@ def test_rows_beyond_the_most_are_refused_before_they_are_read(tmp_path: Path) -
     [1, "text", (1,), [1, (2, "x")], {"a": {"b": [None]}}, 1.5, b"bytes", [], (), {}, True],
 )
 def test_short_values_are_quoted_whole(value: Any) -> None:
-    assert quoted(value) == repr(value)
+    assert quote(value) == repr(value)
 
 
 def nested(depth: int) -> list[Any]:
@@ -137,7 +137,7 @@ def test_of_long_values_errors_show_the_beginning(value: Any) -> None:
 
 
 def test_of_a_long_path_errors_show_the_file() -> None:
-    shown = quoted("/data/" + "folder/" * 30 + "stage.obj")
+    shown = quote("/data/" + "folder/" * 30 + "stage.obj")
     assert len(shown) <= 80
     assert shown.startswith("'/data/")
     assert shown.endswith("stage.obj'")

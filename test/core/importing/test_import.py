@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
-from oaisys_core.config import adjusted, config_from_mapping, load_config
+from oaisys_core.config import adjust, config_from_mapping, load_config
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.importing.document import key_paths
 from oaisys_core.importing.frames import blender_rotation, mount, rig_pose
@@ -425,7 +425,7 @@ def test_stand_ins_are_made_for_missing_files_and_render(name: str, tmp_path: Pa
         assert config.assets.objects[0].file == (made / "meshes" / "body.obj").resolve()
     with pytest.raises(InvalidInputError, match="none with --strict"):
         import_file(write(FILES[name](), tmp_path), stand_ins=made, strict=True)
-    simulation = Simulation(adjusted(config, backend="analytic"))
+    simulation = Simulation(adjust(config, backend="analytic"))
     simulation.step_batch()
     sample = simulation.step_sample(modalities=("rgb", "depth"))
     rgb, depth_m = (sample.frames[index].data for index in (0, 1))

@@ -63,7 +63,7 @@ def _placed_prototypes(
 def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
     placed = overlapping_rocks()
     boxes = BoxInstanceTarget(placed)
-    copies = TriangleTarget([each.merged() for each in placed])
+    copies = TriangleTarget([each.merge() for each in placed])
     directions = pixel_rays(WIDE) @ VIEWS[view].T_map_camera[:3, :3].T
     origin_m = VIEWS[view].T_map_camera[:3, 3]
     depth_m, triangles = boxes.intersect(origin_m, directions)
@@ -94,7 +94,7 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
     """Also far from the map's origin, where a float32 step is 6 cm."""
     away_m = np.array((5e5, -4e5, 300.0))
     placed = [moved(each, away_m) for each in overlapping_rocks()]
-    copies = TriangleTarget([each.merged() for each in placed])
+    copies = TriangleTarget([each.merge() for each in placed])
     views = [(o + away_m, d, None) for o, d in map(rays, range(3))]
     limits = np.full(views[1][1].shape[:-1], 6.0)
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3001, 2)) + away_m[:2]
@@ -130,7 +130,7 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
 
 @pytest.mark.blender
 def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
-    mesh = merge_meshes([each.merged() for each in overlapping_rocks()])
+    mesh = merge_meshes([each.merge() for each in overlapping_rocks()])
     views: list[tuple[Any, ...]] = [(*rays(view), None) for view in range(3)]
     views.append((views[1][0] + np.zeros((7, 3)), views[1][1][60:67, 80], None))
     found = in_blender("instances.mesh_casts", mesh, views)
@@ -174,7 +174,7 @@ def test_heights_over_instances_are_those_over_copies() -> None:
     placed = overlapping_rocks()
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3000, 2))
     heights_m = BoxInstanceTarget(placed).surface_height_m(xy_m)
-    expected_m = TriangleTarget([each.merged() for each in placed]).surface_height_m(xy_m)
+    expected_m = TriangleTarget([each.merge() for each in placed]).surface_height_m(xy_m)
     assert 0.1 < np.isfinite(expected_m).mean() < 0.95
     assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
     both = np.isfinite(heights_m) & np.isfinite(expected_m)
@@ -293,7 +293,7 @@ def test_blender_stands_instances_and_objects_where_they_were_placed() -> None:
 
 def test_rays_that_begin_inside_boxes_hit_what_one_ray_from_there_hits() -> None:
     placed = overlapping_rocks()
-    boxes, copies = BoxInstanceTarget(placed), TriangleTarget([each.merged() for each in placed])
+    boxes, copies = BoxInstanceTarget(placed), TriangleTarget([each.merge() for each in placed])
     rng = np.random.default_rng(3)
     origins_m = boxes.high_m[rng.integers(0, len(boxes.high_m), 400)] - 0.02
     directions = rng.normal(size=(400, 3))

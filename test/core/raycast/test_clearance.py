@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.geometry import checked_pose
-from oaisys_core.raycast.clearance import admitted_pose
+from oaisys_core.geometry import check_pose
+from oaisys_core.raycast.clearance import admit_pose
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Pose
 
@@ -50,13 +50,13 @@ def test_clamped_poses_are_admitted_by_every_policy_as_they_are(world: Simulatio
         extent_m = info.stage_extent_m or (0, 0, 0, 0)
         heights = world.query_height
         sensors = info.sensors
-        return admitted_pose(pose, sensors, heights, extent_m, policy=policy, least_m=0.05)
+        return admit_pose(pose, sensors, heights, extent_m, policy=policy, least_m=0.05)
 
     rng = np.random.default_rng(0)
     moved = 0
     for quat in rng.normal(size=(300, 4)):
         position_m = np.append(rng.uniform(-60, 60, 2), rng.uniform(-5, 8))
-        wanted = checked_pose(position_m, quat / np.linalg.norm(quat))
+        wanted = check_pose(position_m, quat / np.linalg.norm(quat))
         clamped = admitted(wanted, "clamp")
         moved += clamped != wanted
         assert [admitted(clamped, policy) for policy in ("clamp", "lift", "reject")] == [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_worlds import BOX, SPHERE, SUNNY, camera, flat_world, rocky_world, settings
 
-from oaisys_core.color import encoded, linear
+from oaisys_core.color import encode_srgb, linear
 from oaisys_core.errors import CancelledError, NotReadyError, RenderError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.render import make_backend
@@ -82,7 +82,7 @@ def test_the_lit_side_is_the_one_towards_the_sun() -> None:
 
 def test_srgb_encoding_and_decoding_are_inverse() -> None:
     levels = np.arange(256)
-    assert (encoded(linear(levels / 255)) == levels).all()
+    assert (encode_srgb(linear(levels / 255)) == levels).all()
 
 
 def test_heights_are_those_of_the_topmost_surface() -> None:

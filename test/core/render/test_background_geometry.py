@@ -31,7 +31,7 @@ def test_frames_are_computed_while_the_block_is_at_work() -> None:
     with BackgroundGeometry(compute) as geometry:
         assert computed.wait(PATIENCE_S)
         assert geometry.group.result() is FRAMES
-        assert geometry.group.done()
+        assert geometry.group.is_done()
     assert threads != [threading.current_thread()]
     assert not threads[0].is_alive()
 
@@ -44,9 +44,9 @@ def test_a_group_is_not_done_while_it_is_computed() -> None:
         return FRAMES
 
     with BackgroundGeometry(compute) as geometry:
-        changed = geometry.group.mapped(lambda frames: frames[:0])
-        assert not geometry.group.done()
-        assert not changed.done()
+        changed = geometry.group.map_frames(lambda frames: frames[:0])
+        assert not geometry.group.is_done()
+        assert not changed.is_done()
         go_on.set()
         assert changed.result() == ()
         assert geometry.group.result() is FRAMES
@@ -59,7 +59,7 @@ def test_a_changed_group_is_changed_once() -> None:
         changes.append(frames)
         return frames[:]
 
-    group = FrameGroup.of(FRAMES).mapped(change)
+    group = FrameGroup.of(FRAMES).map_frames(change)
     assert changes == []
     askers = [threading.Thread(target=group.result) for _ in range(4)]
     for asker in askers:

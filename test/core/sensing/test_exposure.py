@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.sensing.exposure import AutoExposure, metered_ev
+from oaisys_core.sensing.exposure import AutoExposure, meter_ev
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import RGB, ModuleMetadata, Sample
 
@@ -38,56 +38,56 @@ def picture(ground: float, sky: float) -> NDArray[np.float32]:
 
 
 def test_the_mean_of_the_ground_becomes_the_target() -> None:
-    assert metered_ev(picture(0.09, 0.09), GROUND, METER) == pytest.approx(1.0, abs=1e-3)
-    assert metered_ev(picture(0.36, 0.36), GROUND, METER) == pytest.approx(-1.0, abs=1e-3)
+    assert meter_ev(picture(0.09, 0.09), GROUND, METER) == pytest.approx(1.0, abs=1e-3)
+    assert meter_ev(picture(0.36, 0.36), GROUND, METER) == pytest.approx(-1.0, abs=1e-3)
     compensated = AutoExposure(target=0.18, compensation_ev=0.5)
-    assert metered_ev(picture(0.09, 0.09), GROUND, compensated) == pytest.approx(1.5, abs=1e-3)
-    assert metered_ev(picture(0.09, 0.09), GROUND, METER, base_ev=0.6) == pytest.approx(0.4)
+    assert meter_ev(picture(0.09, 0.09), GROUND, compensated) == pytest.approx(1.5, abs=1e-3)
+    assert meter_ev(picture(0.09, 0.09), GROUND, METER, base_ev=0.6) == pytest.approx(0.4)
 
 
 def test_neither_a_black_nor_a_bright_sky_decides_about_the_ground() -> None:
-    even = metered_ev(picture(0.09, 0.09), GROUND, METER)
+    even = meter_ev(picture(0.09, 0.09), GROUND, METER)
     for sky in (0.0, 0.25):
-        assert abs(metered_ev(picture(0.09, sky), GROUND, METER) - even) < 0.1
+        assert abs(meter_ev(picture(0.09, sky), GROUND, METER) - even) < 0.1
 
 
 def test_a_lamps_light_on_dark_ground_is_not_white() -> None:
     night = picture(1e-4, 0.0)
     night[30:36, 20:40] = 0.02
-    exposed = 0.02 * 2.0 ** metered_ev(night, GROUND, METER, white=4.0)
+    exposed = 0.02 * 2.0 ** meter_ev(night, GROUND, METER, white=4.0)
     assert 0.3 < exposed < 4.0
 
 
 def test_bright_parts_darken_the_picture_until_they_are_white_or_by_two_stops() -> None:
-    even = metered_ev(picture(0.09, 0.09), GROUND, METER)
-    white = 2.0 ** metered_ev(picture(0.09, 0.8), GROUND, METER) * 0.8
+    even = meter_ev(picture(0.09, 0.09), GROUND, METER)
+    white = 2.0 ** meter_ev(picture(0.09, 0.8), GROUND, METER) * 0.8
     assert white == pytest.approx(1.0, rel=1e-3)
-    assert even - metered_ev(picture(0.09, 50.0), GROUND, METER) == pytest.approx(2.0, abs=0.3)
-    brighter_white = metered_ev(picture(0.09, 0.8), GROUND, METER, white=4.0)
+    assert even - meter_ev(picture(0.09, 50.0), GROUND, METER) == pytest.approx(2.0, abs=0.3)
+    brighter_white = meter_ev(picture(0.09, 0.8), GROUND, METER, white=4.0)
     assert brighter_white == pytest.approx(even, abs=0.3)
 
 
 def test_the_sky_decides_where_there_is_nothing_else() -> None:
     nothing = np.zeros(SIZE_PX, np.bool_)
-    assert metered_ev(picture(0.36, 0.36), nothing, METER) == pytest.approx(-1.0, abs=1e-3)
+    assert meter_ev(picture(0.36, 0.36), nothing, METER) == pytest.approx(-1.0, abs=1e-3)
 
 
 def test_the_limits_hold_and_black_is_exposed_most() -> None:
-    assert metered_ev(picture(0.0, 0.0), GROUND, METER) == METER.max_ev
-    assert metered_ev(picture(1e-7, 1e-7), GROUND, METER) == METER.max_ev
-    assert metered_ev(picture(1e4, 1e4), GROUND, METER) == METER.min_ev
+    assert meter_ev(picture(0.0, 0.0), GROUND, METER) == METER.max_ev
+    assert meter_ev(picture(1e-7, 1e-7), GROUND, METER) == METER.max_ev
+    assert meter_ev(picture(1e4, 1e4), GROUND, METER) == METER.min_ev
 
 
 def test_noise_resolution_and_the_suns_disc_hardly_matter() -> None:
     rng = np.random.default_rng(5)
-    even = metered_ev(picture(0.09, 0.05), GROUND, METER)
+    even = meter_ev(picture(0.09, 0.05), GROUND, METER)
     noisy = picture(0.09, 0.05) * rng.gamma(4.0, 0.25, (*SIZE_PX, 1)).astype(np.float32)
-    assert metered_ev(noisy, GROUND, METER) == pytest.approx(even, abs=0.05)
+    assert meter_ev(noisy, GROUND, METER) == pytest.approx(even, abs=0.05)
     with_sun = picture(0.09, 0.05)
     with_sun[5:7, 30:32] = 5e4
-    assert metered_ev(with_sun, GROUND, METER) == pytest.approx(even, abs=0.25)
+    assert meter_ev(with_sun, GROUND, METER) == pytest.approx(even, abs=0.25)
     half = np.ascontiguousarray(picture(0.09, 0.05)[::2, ::2])
-    assert metered_ev(half, GROUND[::2, ::2], METER) == pytest.approx(even, abs=0.05)
+    assert meter_ev(half, GROUND[::2, ::2], METER) == pytest.approx(even, abs=0.05)
 
 
 def simulation(**sections: Any) -> Simulation:

@@ -14,7 +14,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.output.reader import read_sample
 from oaisys_core.output.writer import SampleWriter
-from oaisys_core.sensing.faults import CaptureId, DepthFaults, PoseDrift, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, PoseDrift, measure_frame
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Sample
 
@@ -52,7 +52,7 @@ def images(sample: Sample) -> dict[tuple[str, str], bytes]:
 
 def expected(frame: Frame, faults: DepthFaults, sample: Sample) -> bytes:
     capture = CaptureId(sample.batch_id, sample.sample_id, frame.sensor)
-    return measured_frame(frame, faults, capture).data.tobytes()
+    return measure_frame(frame, faults, capture).data.tobytes()
 
 
 def test_frames_have_the_noise_of_their_sample_and_sensor() -> None:
@@ -104,7 +104,7 @@ def test_odometry_drifts_and_the_truth_stays() -> None:
     for number in (1, 2, 3):
         sample = sim.step_sample()
         assert sample.odometry is not None
-        drifted = PoseDrift().drifted(sample.rig_pose, (0.5, 0.1), 3, 1, number)
+        drifted = PoseDrift().estimate(sample.rig_pose, (0.5, 0.1), 3, 1, number)
         assert sample.odometry.pose == drifted
         steps = (number - 1) ** 0.5
         assert sample.odometry.sigma_m == pytest.approx(0.5 * steps)

@@ -58,7 +58,7 @@ def final_error(config: ImuConfig, assumed_lever_m: tuple[float, float, float]) 
     assert times_s[-1] < trajectory.end_s
     T_base_imu = np.eye(4)
     T_base_imu[:3, :3], T_base_imu[:3, 3] = TURNED.as_matrix(), assumed_lever_m
-    T_map_imu = trajectory.mounted(T_base_imu)(times_s)
+    T_map_imu = trajectory.mount(T_base_imu)(times_s)
     swing = np.cross(trajectory.angular_rate_rad_s(times_s[0]), assumed_lever_m)
     velocity = trajectory.velocity_m_s(times_s[0]) + trajectory.rotation(times_s[0]).apply(swing)
     found = measure(config, trajectory, times_s, GRAVITY_M_S2)

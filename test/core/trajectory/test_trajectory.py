@@ -88,7 +88,7 @@ def test_a_mounted_sensor_has_the_pose_of_its_mount_at_each_time() -> None:
     made = wild()
     T_base_sensor = transform(Rotation.from_euler("y", 0.3).as_matrix(), (0.2, -0.1, 0.5))
     times_s = np.linspace(made.start_s, made.end_s, 7)
-    T_map_sensor = made.mounted(T_base_sensor)(times_s)
+    T_map_sensor = made.mount(T_base_sensor)(times_s)
     assert T_map_sensor.shape == (7, 4, 4)
     at = made.rotation(times_s).apply(T_base_sensor[:3, 3]) + made.position_m(times_s)
     assert T_map_sensor[:, :3, 3] == pytest.approx(at, abs=1e-12)

@@ -36,7 +36,7 @@ def test_all_that_is_in_a_part_of_the_image_is_among_those_seen(
     boxes = [np.array((-0.3, -0.2, -0.1, 0.0)), np.array((0.4, 0.1, 0.5, 0.3))]
     for R in Rotation.random(10, random_state=6).as_matrix():
         origin_m = rng.uniform(-5, 5, 3)
-        seen = groups.seen_in(R, origin_m, boxes)
+        seen = groups.visible_in(R, origin_m, boxes)
 
         points_m = np.einsum("sk,tkd->tsd", shares, vertices_m[triangles]) - origin_m
         x, y, z = np.moveaxis(points_m @ R, -1, 0)
@@ -53,4 +53,4 @@ def test_nothing_is_seen_where_everything_is_behind() -> None:
     vertices_m = np.array(((0, 0, -1), (1, 0, -1), (0, 1, -1)), float)
     groups = TriangleGroups(vertices_m, np.array([[0, 1, 2]], np.int32), np.zeros(1, np.uint32))
 
-    assert len(groups.seen_in(np.eye(3), np.zeros(3), [np.array((-1, -1, 1, 1))])) == 0
+    assert len(groups.visible_in(np.eye(3), np.zeros(3), [np.array((-1, -1, 1, 1))])) == 0

@@ -9,10 +9,10 @@ import pytest
 from rendered_datasets import write_rendered_dataset
 from synthetic_datasets import write_dataset
 
-from oaisys_core.files.markdown import escaped_markdown
+from oaisys_core.files.markdown import escape_markdown
 from oaisys_dataset import open_dataset
 from oaisys_dataset.card.description import describe_dataset
-from oaisys_dataset.card.statistics import sampled_indices, statistics_of
+from oaisys_dataset.card.statistics import sample_indices, statistics_of
 from oaisys_dataset.cli.export import describe
 from oaisys_dataset.formats.base import ExportOptions
 from oaisys_dataset.manifest import WorldLegend
@@ -53,8 +53,8 @@ def test_statistics_are_those_of_the_pixels(tmp_path: Path) -> None:
 
 
 def test_frames_are_sampled_at_equal_distances() -> None:
-    assert list(sampled_indices(3, 12)) == [0, 1, 2]
-    assert list(sampled_indices(1001, 3)) == [0, 500, 1000]
+    assert list(sample_indices(3, 12)) == [0, 1, 2]
+    assert list(sample_indices(1001, 3)) == [0, 500, 1000]
 
 
 HTML = "<img src=x onerror=alert(1)> [click](javascript:alert(1)) | `x`"
@@ -72,4 +72,4 @@ def test_html_and_markdown_in_names_of_others_are_shown_as_they_are(tmp_path: Pa
 
 
 def test_markdown_of_others_is_in_a_line() -> None:
-    assert escaped_markdown("a\n# b") == "a \\# b"
+    assert escape_markdown("a\n# b") == "a \\# b"

@@ -32,17 +32,17 @@ from oaisys_grpc.contract.shared_memory import (
     Reader,
     Segment,
     SharedMemoryError,
-    copied_to_segment,
-    found_token,
+    copy_to_segment,
+    find_token,
     location_of,
-    opened,
+    open_location,
     segment_of,
 )
 from oaisys_grpc.contract.transfer import (
     DEFAULT_TRANSFER,
     Transfer,
     frame_response,
-    granted,
+    grant,
     location_from_proto,
     sample_to_parts,
     transfer_from_proto,
@@ -205,7 +205,7 @@ def test_memory_is_offered_to_none_but_those_who_read_it(server: Server) -> None
     info = stub.GetSimulatorInfo(pb.GetSimulatorInfoRequest())
     place = location_from_proto(info.shared_memory_probe)
     assert place.token == b""
-    token = found_token(place)
+    token = find_token(place)
     with server.client() as client:
         sample = client.render_sample(POSE)
     for guess, shared in ((token, True), (b"", False), (bytes(32), False), (token[:-1], False)):
@@ -277,11 +277,11 @@ def test_limits_hold_on_both_sides(server: Server) -> None:
         with pytest.raises(OaisysError, match="100000 at most"):
             client.ground_truth_mesh()
     huge = Transfer(inline_bytes=1 << 31, chunk_bytes=1 << 31)
-    transfer = granted(huge, None)
+    transfer = grant(huge, None)
     assert transfer.inline_bytes == limits.max_inline_bytes
     assert transfer.chunk_bytes == limits.max_chunk_bytes
     with pytest.raises(InvalidInputError, match=r"transfer\.max_chunk_bytes.*at least 1000"):
-        granted(Transfer(chunk_bytes=1), None)
+        grant(Transfer(chunk_bytes=1), None)
 
 
 def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> None:
@@ -294,7 +294,7 @@ def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> No
 
 def shared_parts(sample: Sample) -> tuple[list[Any], Segment]:
     """Parts of a sample whose frames lie in a file of this process."""
-    images = copied_to_segment([frame.data for frame in sample.frames])
+    images = copy_to_segment([frame.data for frame in sample.frames])
     segment = segment_of(images[0])
     assert segment is not None
     frames = tuple(replace(f, data=i) for f, i in zip(sample.frames, images, strict=True))
@@ -325,7 +325,7 @@ def test_what_cannot_be_read_there_is_fetched() -> None:
 
 
 def a_file(content: bytes = bytes(100)) -> tuple[MemoryLocation, Segment]:
-    (array,) = copied_to_segment([np.frombuffer(content, np.uint8)])
+    (array,) = copy_to_segment([np.frombuffer(content, np.uint8)])
     segment = segment_of(array)
     assert segment is not None
     return segment.location(segment.offset_of(array)), segment
@@ -343,7 +343,7 @@ def test_a_file_neither_changes_nor_shrinks() -> None:
 
 def test_nothing_else_is_taken_for_shared_memory(tmp_path: Path) -> None:
     place, segment = a_file()
-    os.close(opened(place))
+    os.close(open_location(place))
     unsealed = os.memfd_create("oaisys")
     os.ftruncate(unsealed, place.file_size)
     os.write(unsealed, place.token)
@@ -362,7 +362,7 @@ def test_nothing_else_is_taken_for_shared_memory(tmp_path: Path) -> None:
         place._replace(process_id=1),
     ):
         with pytest.raises(SharedMemoryError):
-            opened(wrong)
+            open_location(wrong)
     reader = Reader()
     for wrong in (place._replace(token=b""), place._replace(offset=place.file_size)):
         with pytest.raises(SharedMemoryError):
@@ -376,7 +376,7 @@ def test_nothing_else_is_taken_for_shared_memory(tmp_path: Path) -> None:
 def test_a_probe_is_proved_by_its_content_alone() -> None:
     probe = Probe()
     assert probe.location.token == b""
-    assert probe.proves(found_token(probe.location))
+    assert probe.proves(find_token(probe.location))
     assert not probe.proves(b"")
     assert not probe.proves(bytes(32))
 

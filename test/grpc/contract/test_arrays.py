@@ -50,11 +50,11 @@ def smooth(dtype: str, shape: tuple[int, ...]) -> Any:
 
 def carried(array: Any, accepted: Sequence[Any]) -> tuple[pb.ArrayHeader, Any]:
     """The header and the array as they arrive."""
-    header, data = arrays.encoded(array, accepted)
+    header, data = arrays.encode(array, accepted)
     assert data.size == header.byte_size
     header = pb.ArrayHeader.FromString(header.SerializeToString())
-    assert arrays.checked_nbytes(header, LIMIT) == array.nbytes
-    return header, arrays.decoded(header, np.frombuffer(data.tobytes(), np.uint8))
+    assert arrays.check_nbytes(header, LIMIT) == array.nbytes
+    return header, arrays.decode(header, np.frombuffer(data.tobytes(), np.uint8))
 
 
 def assert_same_bits(a: Any, b: Any) -> None:
@@ -93,7 +93,7 @@ def test_special_floats_keep_their_bits(dtype: str) -> None:
 @pytest.mark.parametrize("dtype", TYPES)
 def test_zlib_and_the_words_of_the_proto_are_enough_to_decode(dtype: str) -> None:
     array = smooth(dtype, (30, 50)) * np.array(3, dtype)
-    header, data = arrays.encoded(array, [pb.ENCODING_SHUFFLED_ZLIB])
+    header, data = arrays.encode(array, [pb.ENCODING_SHUFFLED_ZLIB])
     assert header.encoding == pb.ENCODING_SHUFFLED_ZLIB
     planes = zlib.decompress(data.tobytes())
     count, size = array.size, array.itemsize
@@ -106,7 +106,7 @@ def test_others_read_our_png_files(dtype: str, channels: tuple[int, ...]) -> Non
     array = smooth(dtype, (40, 60, *channels)) * np.array(1 if dtype == "u1" else 263, dtype)
     if dtype == "u4":
         array += np.uint32(200 << 24)
-    header, data = arrays.encoded(array, [pb.ENCODING_PNG])
+    header, data = arrays.encode(array, [pb.ENCODING_PNG])
     assert header.encoding == pb.ENCODING_PNG
     pixels = np.asarray(Image.open(io.BytesIO(data.tobytes())))
     if dtype == "u4":
@@ -150,21 +150,21 @@ def test_what_is_announced_is_checked_before_anything_is_allocated(encoding: Any
     image = np.zeros((4, 4), np.uint16)
     header = header_of(image, encoding, 10**15)
     with pytest.raises(OaisysError, match="is not 1000000000000000 bytes"):
-        arrays.checked_nbytes(header, LIMIT)
+        arrays.check_nbytes(header, LIMIT)
     header = header_of(image, encoding, 32)
     header.shape[:] = [2**40, 2**40]
     header.byte_size = 2**63
     with pytest.raises(OaisysError, match="this client takes 1073741824 at most"):
-        arrays.checked_nbytes(header, LIMIT)
+        arrays.check_nbytes(header, LIMIT)
     header = header_of(image, encoding, 32)
     with pytest.raises(OaisysError, match="this client takes 31 at most"):
-        arrays.checked_nbytes(header, 31)
+        arrays.check_nbytes(header, 31)
     header.data_type = pb.DATA_TYPE_UNSPECIFIED
     with pytest.raises(OaisysError, match="cannot read"):
-        arrays.checked_nbytes(header, LIMIT)
+        arrays.check_nbytes(header, LIMIT)
     header = header_of(image, 57, 32)
     with pytest.raises(OaisysError, match="encoding 57"):
-        arrays.checked_nbytes(header, LIMIT)
+        arrays.check_nbytes(header, LIMIT)
 
 
 def bomb() -> bytes:
@@ -197,7 +197,7 @@ def png(width: int, height: int) -> bytes:
 def test_bytes_that_are_not_the_array_are_refused(encoding: Any, data: bytes) -> None:
     header = header_of(np.zeros((4, 4), np.uint16), encoding, len(data))
     with pytest.raises(OaisysError):
-        arrays.decoded(header, np.frombuffer(data, np.uint8))
+        arrays.decode(header, np.frombuffer(data, np.uint8))
 
 
 def test_an_encoding_that_there_is_not_is_refused_by_name() -> None:

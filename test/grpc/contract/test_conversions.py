@@ -46,7 +46,7 @@ from oaisys_grpc.contract.sample_messages import (
     sample_from_messages,
     sample_to_messages,
 )
-from oaisys_grpc.contract.shared_memory import copied_to_segment, segment_of
+from oaisys_grpc.contract.shared_memory import copy_to_segment, segment_of
 from oaisys_grpc.contract.transfer import sample_to_parts
 from oaisys_grpc.contract.world_messages import mesh_from_parts, mesh_to_message
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -253,7 +253,7 @@ def test_the_workers_protocol_carries_the_bytes_of_any_arrays(arrays: list[Any])
 def test_what_lies_in_shared_memory_is_passed_on_and_the_rest_goes_along() -> None:
     early, late = make_sample(120, 160), make_sample(240, 320)
     images = [[frame.data for frame in sample.frames] for sample in (early, late)]
-    placed = [image for group in images for image in copied_to_segment(group)]
+    placed = [image for group in images for image in copy_to_segment(group)]
     for theirs, mine in zip(placed, (*images[0], *images[1]), strict=True):
         assert_same(theirs, mine)
         with pytest.raises(ValueError, match="read-only"):

@@ -25,10 +25,10 @@ from oaisys_grpc.contract.drive_messages import (
     counts_to_proto,
     instant_from_proto,
     instant_to_proto,
+    measurement_counts,
     outline_from_header,
     outline_to_header,
     poses_from_proto,
-    sent_counts,
     trajectory_from_proto,
     trajectory_to_proto,
 )
@@ -77,10 +77,10 @@ def test_outline_counts_and_imus_come_back_as_they_were() -> None:
     assert outline_from_header(header) == outline
     assert header.instant_count == 17
     end = pb.DriveEnd(counts=counts_to_proto({"front": 3, "imu": 9}, {"imu": 8}))
-    assert sent_counts(end) == {"front": 0, "imu": 8}
+    assert measurement_counts(end) == {"front": 0, "imu": 8}
     end.counts[1].sent = 10
     with pytest.raises(OaisysError, match="imu"):
-        sent_counts(end)
+        measurement_counts(end)
     imu = ImuInfo("imu", np.arange(16.0).reshape(4, 4), 200.0, 0.5, 0.25)
     info = SimulatorInfo("analytic", "1", 0, "", "preview", (), {}, 1, 0, None, imus=(imu,))
     info = replace(info, group_counts=(GroupCount("grass", 9, 7),))

@@ -69,7 +69,7 @@ def test_a_drive_brings_everything_that_is_due_as_the_core_makes_it(server: Serv
             assert (drive.outline.start_ns, drive.outline.end_ns) == (0, 10**9)
             assert drive.outline.due == DUE
             instants = list(drive)
-        assert drive.sent == drive.received == DUE
+        assert drive.counts == drive.received == DUE
         assert client.info().imus[0].T_base_imu[:3, 3].tolist() == [0.1, 0.0, 0.3]
     np.testing.assert_array_equal(planned.poses.positions_m, expected.plan.trajectory.positions_m)
     assert (planned.end_s, planned.gravity_m_s2) == (1.0, 1.624)
@@ -189,7 +189,7 @@ def test_a_pose_in_the_ground_ends_the_drive_after_what_came_before(
     ):
         came.extend(drive)
     assert came
-    assert 0 < drive.sent["front"] == drive.received["front"] < drive.outline.due["front"]
+    assert 0 < drive.counts["front"] == drive.received["front"] < drive.outline.due["front"]
 
 
 def test_a_drive_that_is_left_frees_the_worker_and_keeps_it(
@@ -235,7 +235,7 @@ def test_a_new_world_ends_a_drive(server: Server, client: SimulatorClient) -> No
         pytest.raises(OvertakenError),
     ):
         for_each(drive, replace_world)
-    assert drive.sent["front"] >= 2
+    assert drive.counts["front"] >= 2
 
 
 @pytest.mark.parametrize(

@@ -131,7 +131,7 @@ def test_what_metadata_would_bring_is_listed_and_checked_but_not_done(
     moved = {
         "objects": {str(rock.instance_id): {"position_m": [1, 1, 0]}, "60001": {"hidden": True}}
     }
-    later = later.updated(ModuleMetadata(asset=moved))
+    later = later.with_update(ModuleMetadata(asset=moved))
     (extra,) = client.list_objects(ObjectQuery(kinds=("added",)), later).objects
     assert (extra.name, extra.label, extra.pose.position_m) == ("extra", "extra", (3, 3, 0))
     (rock_later,) = client.list_objects(ObjectQuery(names=(rock.name,)), later).objects

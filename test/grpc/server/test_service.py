@@ -18,7 +18,7 @@ from waiting import PATIENCE_S
 from oaisys_core.config import config_from_mapping, config_sha256
 from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.sensing.faults import CaptureId, DepthFaults, PoseDrift, measured_depth
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, PoseDrift, measure_depth
 from oaisys_core.types import ModuleMetadata, Odometry, Pose, Progress
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.operation import State
@@ -72,9 +72,9 @@ def test_noise_and_drift_come_with_the_frames_and_can_be_switched_off(
         error_m = sample.frame("camera", "depth").data - true_m
         assert 0.4 < float(np.std(error_m)) < 0.6
         capture = CaptureId(sample.batch_id, sample.sample_id, "camera")
-        expected_m = measured_depth(true_m, 1.0, DepthFaults(4, "gaussian", 0.5), capture)
+        expected_m = measure_depth(true_m, 1.0, DepthFaults(4, "gaussian", 0.5), capture)
         np.testing.assert_array_equal(sample.frame("camera", "depth").data, expected_m)
-    drifted = PoseDrift().drifted(NADIR, (0.25, 0.0), 4, second.batch_id, second.sample_id)
+    drifted = PoseDrift().estimate(NADIR, (0.25, 0.0), 4, second.batch_id, second.sample_id)
     assert second.odometry == Odometry(drifted, 0.25, 0.0)
     assert truth.odometry is None
     assert '"enabled":false' in truth.provenance.metadata_json

@@ -73,7 +73,7 @@ def of_passes(
         compat.GLOSSY_COLOR: np.zeros_like(radiance),
     }
     wanted = replace(settings(1), denoise=True)
-    return postprocessing.denoised(
+    return postprocessing.denoise_image(
         RenderResult(passes, samples=1), wanted, blenders_denoiser(), denoising, known
     )
 

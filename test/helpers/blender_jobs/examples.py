@@ -8,7 +8,7 @@ from typing import Any
 # Comes before anything that loads Open3D.
 import bpy  # noqa: F401
 
-from oaisys_core.config import SimulationConfig, adjusted, load_config
+from oaisys_core.config import SimulationConfig, adjust, load_config
 from oaisys_core.simulation import Simulation
 
 MAX_GRID_PX = 257
@@ -23,7 +23,7 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 
 def small(config: SimulationConfig) -> SimulationConfig:
     """Return the configuration, small: ground, number of rocks, images and samples per pixel."""
-    data = adjusted(config, size="64x48", quality="preview").model_dump()
+    data = adjust(config, size="64x48", quality="preview").model_dump()
     data["stage"]["resolution_px"] = min(config.stage.resolution_px, MAX_GRID_PX)
     data["materials"]["texture_size_px"] = 128
     data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)

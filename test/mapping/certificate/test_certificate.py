@@ -206,11 +206,11 @@ def test_an_exploration_has_limits_of_its_own() -> None:
 def test_a_map_that_confuses_classes_does_not_close() -> None:
     figures = {"rmse_m": 0.005, "completion_ratio": 1.0, "least_iou": 0.89}
     missed = [
-        one.name for one in survey_thresholds(0.1).applied_to_figures(figures) if not one.holds
+        one.name for one in survey_thresholds(0.1).criteria_of_figures(figures) if not one.holds
     ]
     assert missed == ["least_iou"]
     unlabelled = {**figures, "least_iou": None}
-    assert all(one.holds for one in survey_thresholds(0.1).applied_to_figures(unlabelled))
+    assert all(one.holds for one in survey_thresholds(0.1).criteria_of_figures(unlabelled))
 
 
 def test_signatures_are_those_of_openssl(issued: Path, tmp_path: Path) -> None:

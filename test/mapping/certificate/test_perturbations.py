@@ -39,7 +39,7 @@ def test_the_unperturbed_map_is_accepted(records: dict[str, PerturbationResult])
 
 
 def test_every_perturbation_is_rejected(records: dict[str, PerturbationResult]) -> None:
-    assert all(records[fault.name].rejected for fault in PERTURBATIONS)
+    assert all(records[fault.name].is_rejected for fault in PERTURBATIONS)
     assert records["focal_length"].to_dict()["rejected"] is True
 
 

@@ -235,18 +235,18 @@ def survey(
 
 def test_a_true_survey_closes(rough_ground: TriangleMesh) -> None:
     figures = survey(rough_ground)
-    assert CLOSED.missed_by(figures) == []
+    assert CLOSED.misses_of(figures) == []
     assert figures.rmse_m < 0.02
 
 
 def test_a_wrong_focal_length_is_rejected(rough_ground: TriangleMesh) -> None:
     figures = survey(rough_ground, focal_factor=1.0855)
-    assert CLOSED.missed_by(figures)
+    assert CLOSED.misses_of(figures)
     assert figures.rmse_m > 3 * survey(rough_ground).rmse_m
 
 
 def test_range_taken_for_depth_is_rejected(rough_ground: TriangleMesh) -> None:
-    assert len(CLOSED.missed_by(survey(rough_ground, is_ray_length=True))) == 3
+    assert len(CLOSED.misses_of(survey(rough_ground, is_ray_length=True))) == 3
 
 
 def test_a_pose_error_of_2_cm_is_measured(rough_ground: TriangleMesh) -> None:
@@ -256,5 +256,5 @@ def test_a_pose_error_of_2_cm_is_measured(rough_ground: TriangleMesh) -> None:
 def test_missed_thresholds_are_named() -> None:
     truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
     figures = measure(colored(*grid_mesh((-4, 0), (-4, 4), 0.0)), truth)
-    (missed,) = Thresholds(min_completion=0.9, max_rmse_m=0.01).missed_by(figures)
+    (missed,) = Thresholds(min_completion=0.9, max_rmse_m=0.01).misses_of(figures)
     assert missed.startswith("completion_ratio is 0.51")

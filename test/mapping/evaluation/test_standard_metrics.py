@@ -167,7 +167,7 @@ def test_a_hole_outside_the_overlap_does_not_count_there() -> None:
 class Shifted:
     """Distances to a plane at 0.04 m, known where x is below 2."""
 
-    observed_volume_m3 = 7.0
+    volume_observed_m3 = 7.0
 
     def distance_at(self, points_m: FloatArray) -> FloatArray:
         distance_m = points_m[:, 2] - 0.04
@@ -203,7 +203,7 @@ def test_iou_of_a_shifted_class_border() -> None:
     assert figures.classes.iou == pytest.approx({"sand": 4 / 4.45, "7": 3.55 / 4}, abs=8e-3)
     assert figures.classes.share == pytest.approx({"sand": 0.5, "7": 0.5}, abs=1e-3)
     assert figures.least_iou == pytest.approx(3.55 / 4, abs=8e-3)
-    assert Thresholds(min_iou=0.9).missed_by(figures)
+    assert Thresholds(min_iou=0.9).misses_of(figures)
 
 
 def test_iou_counts_missing_labels_and_ignores_rare_classes() -> None:

@@ -11,7 +11,7 @@ from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.imu import imu_info, measure
-from oaisys_mapping.odometry.inertial import ImuFigures, preintegrated
+from oaisys_mapping.odometry.inertial import ImuFigures, preintegrate
 from oaisys_mapping.odometry.trajectories import TimedTransforms
 
 pytest.importorskip(
@@ -46,7 +46,7 @@ def figures(flight: Trajectory, imu: ImuConfig, seen_as: ImuConfig | None = None
     )
     truth = TimedTransforms(odometry_s, flight.T_map_base(odometry_s))
     mount = imu_info(seen_as or imu).T_base_imu
-    return preintegrated(table, truth, twists, mount, MARS_M_S2)
+    return preintegrate(table, truth, twists, mount, MARS_M_S2)
 
 
 def test_the_integrated_imu_ends_where_the_flight_does(flight: Trajectory) -> None:

@@ -59,7 +59,7 @@ def test_late_stamps_are_found_from_turns(late_s: float) -> None:
     # The estimate is in a frame of its own, and its sensor is mounted askew.
     mount = np.eye(4)
     mount[:3, :3] = Rotation.from_euler("xyz", [0.3, -0.2, 2.0]).as_matrix()
-    seen = truth.at(times_s).mounted(mount)
+    seen = truth.at(times_s).mount(mount)
     start = np.linalg.inv(seen.T[0])
     estimate = TimedTransforms(times_s + late_s, start @ seen.T)
 

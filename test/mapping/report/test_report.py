@@ -20,7 +20,7 @@ from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
 from oaisys_mapping.report.drive_report import log_depth_pictures
-from oaisys_mapping.report.mesh_viewer import Layer, decimated, packed_mesh
+from oaisys_mapping.report.mesh_viewer import Layer, decimate, pack_mesh
 from oaisys_mapping.report.report import SurveyReport, ViewRecord, write_report
 from oaisys_mapping.report.three_js import FOLDER_VARIABLE, load_three
 
@@ -155,7 +155,7 @@ def hills(count: int) -> ColoredMesh:
 
 
 def test_thinned_meshes_keep_shape_colour_and_classes() -> None:
-    mesh = decimated(hills(200), 8_000)
+    mesh = decimate(hills(200), 8_000)
     assert 4_000 < len(mesh.triangles) <= 8_000
     np.testing.assert_allclose(mesh.vertices_m[:, 2], np.sin(mesh.vertices_m[:, 0]), atol=0.02)
     assert mesh.vertices_m[:, :2].min() < 0.1
@@ -164,14 +164,14 @@ def test_thinned_meshes_keep_shape_colour_and_classes() -> None:
     assert (mesh.colors_rgb[west] == (200, 0, 0)).all()
     assert mesh.class_ids is not None
     assert (mesh.class_ids[west] == 1).all()
-    assert decimated(mesh, 8_000) is mesh
+    assert decimate(mesh, 8_000) is mesh
 
 
 def test_a_packed_mesh_unpacks_within_the_quantization_step() -> None:
     mesh = hills(9)
     inverse = np.invert(mesh.colors_rgb)
     layers = [Layer("one", "", mesh.colors_rgb), Layer("</script>", "", inverse)]
-    found = packed_mesh(mesh, layers, [])
+    found = pack_mesh(mesh, layers, [])
     assert "<" not in found["header"]
     header, body = json.loads(found["header"]), gzip.decompress(b64decode(found["body"]))
     counts = [12 * header["triangles"], 6 * header["vertices"], *[3 * header["vertices"]] * 2]

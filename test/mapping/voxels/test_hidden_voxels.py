@@ -36,7 +36,7 @@ def test_voxels_close_behind_a_surface_are_solid_until_observed() -> None:
     points_m = np.column_stack((np.zeros((4, 2)), heights_m))
     expected_m = (-0.201, -0.3, -0.3, np.nan)
     assert volume.distance_at(points_m) == pytest.approx(expected_m, abs=1e-4, nan_ok=True)
-    column = volume.observed(np.array((0, 0, -6)), np.array((1, 1, 0)))
+    column = volume.observations(np.array((0, 0, -6)), np.array((1, 1, 0)))
     assert column.is_known.ravel().tolist() == [False, False, False, False, True, True]
     low_m = plane_depth_m(ABOVE, UP, -0.6)
     volume.integrate(low_m, None, CAMERA, ABOVE)

@@ -93,7 +93,7 @@ def test_a_loaded_volume_continues_like_the_saved_one(tmp_path: Path) -> None:
     for volume in (saved, loaded):
         fly(volume, poses[3:])
     assert same_mesh(saved.extract_mesh(), loaded.extract_mesh())
-    assert saved.observed_volume_m3 == loaded.observed_volume_m3
+    assert saved.volume_observed_m3 == loaded.volume_observed_m3
     with np.load(tmp_path / "volume.npz") as arrays:
         assert arrays["tsdf"].shape == (len(arrays["blocks"]), 8, 8, 8)
         assert np.abs(arrays["tsdf"]).max() <= 1

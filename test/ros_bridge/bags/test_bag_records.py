@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
 from oaisys_core.config import canonical_json, config_from_mapping
-from oaisys_core.sensing.faults import CaptureId, DepthFaults, measured_frame
+from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Sample
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
@@ -59,7 +59,7 @@ class Recorded:
         assert outline_from_msg(told) == sample.outline
         for frame in sample.frames[first:]:
             capture = CaptureId(sample.batch_id, sample.sample_id, frame.sensor)
-            seen = measured_frame(frame, faults or DepthFaults(), capture)
+            seen = measure_frame(frame, faults or DepthFaults(), capture)
             image = image_to_msg(seen.data, encoding_of(frame), header)
             topic = TOPIC_BY_MODALITY.get(frame.modality, frame.modality)
             name = f"/robot/{self.prefixes[frame.sensor]}/{topic}/image_raw"

@@ -155,7 +155,7 @@ def test_bags_of_other_recorders_are_read_and_recovered(
         for i in (1, 0, *range(2, COUNT)):
             writer.add_message(channel, i, serialize_message(String(data=TEXTS[i])), i)
         writer.finish()
-    read = [m.deserialized(String).data for m in BagReader(file).messages(["/chatter"])]
+    read = [m.deserialize(String).data for m in BagReader(file).messages(["/chatter"])]
     assert read == TEXTS
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: -len(file.read_bytes()) // 4])

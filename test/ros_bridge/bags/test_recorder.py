@@ -28,7 +28,7 @@ from waiting import wait_until
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.losses import BagLosses
-from oaisys_ros_bridge.bags.message_definition import message_definition, nested_types, type_hash
+from oaisys_ros_bridge.bags.message_definition import field_types, message_definition, type_hash
 from oaisys_ros_bridge.conversions import image_from_msg
 from oaisys_ros_bridge.nodes import recorder as recorder_module
 from oaisys_ros_bridge.nodes.recorder import RecorderNode
@@ -302,5 +302,5 @@ def test_only_fields_of_message_types_are_nested() -> None:
     Own[<=4] own  # comment
     wstring text "default"
     """
-    nested = nested_types("my_msgs/msg/Whole", definition)
+    nested = field_types("my_msgs/msg/Whole", definition)
     assert nested == ["geometry_msgs/msg/Point", "my_msgs/msg/Own"]

@@ -49,7 +49,7 @@ def test_what_is_repeated_never_carries_a_stamp_again(user: User) -> None:
     found_ns = []
     for _ in range(300):
         found_ns.append(nanoseconds(stamps.next()))
-        repeated = stamps.repeated()
+        repeated = stamps.repeat_stamp()
         found_ns += [] if repeated is None else [nanoseconds(repeated)]
 
     assert len(found_ns) > 300
@@ -58,14 +58,14 @@ def test_what_is_repeated_never_carries_a_stamp_again(user: User) -> None:
 
 def test_nothing_is_repeated_while_simulated_time_stands_still(user: User) -> None:
     own = Stamps(user.node, lambda: settings(publish_clock=True))
-    assert own.repeated() is None
+    assert own.repeat_stamp() is None
     own.advance(1.0)
-    assert own.repeated() is None
+    assert own.repeat_stamp() is None
     own.close()
 
     user.node.set_parameters([Parameter("use_sim_time", value=True)])
     stamps = Stamps(user.node, settings)
-    assert stamps.repeated() is None
+    assert stamps.repeat_stamp() is None
     clock = user.node.create_publisher(Clock, "/clock", 10)
     for second in (5, 7):
         told = Clock(clock=Time(sec=second))
@@ -75,8 +75,8 @@ def test_nothing_is_repeated_while_simulated_time_stands_still(user: User) -> No
             return bool(user.node.get_clock().now().nanoseconds == nanoseconds(told.clock))
 
         user.wait_until(arrived)
-        assert nanoseconds(stamps.repeated()) == second * 10**9
-        assert stamps.repeated() is None
+        assert nanoseconds(stamps.repeat_stamp()) == second * 10**9
+        assert stamps.repeat_stamp() is None
         assert nanoseconds(stamps.next()) == second * 10**9 + 1
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from oaisys_ros_bridge.experiments.interruption import (
-    deferred_interruption,
+    defer_interruption,
     interrupt_on_signals,
     raise_if_interrupted,
 )
@@ -38,8 +38,8 @@ def test_a_signal_is_deferred_to_the_end_of_the_outermost_block() -> None:
     reached = []
 
     def blocks() -> None:
-        with deferred_interruption():
-            with deferred_interruption():
+        with defer_interruption():
+            with defer_interruption():
                 signal.raise_signal(signal.SIGINT)
                 reached.append("inner")
             reached.append("outer")
@@ -47,5 +47,5 @@ def test_a_signal_is_deferred_to_the_end_of_the_outermost_block() -> None:
     with pytest.raises(KeyboardInterrupt):
         blocks()
     assert reached == ["inner", "outer"]
-    with deferred_interruption():
+    with defer_interruption():
         pass  # it is raised once

@@ -11,7 +11,7 @@ import pytest
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.world.modules import SensorsModule
-from oaisys_ros_bridge.experiments.configuration import configured_sensors
+from oaisys_ros_bridge.experiments.configuration import read_sensors
 from oaisys_ros_bridge.experiments.progress import STARTED_VARIABLE, seconds_since_start
 
 CAMERA = {"name": "front", "modalities": ["depth", "rgb"]}
@@ -33,7 +33,7 @@ def test_the_cameras_of_a_configuration_are_those_of_the_simulator(
     config = config_from_mapping({"sensors": sensors})
     path = tmp_path / "config.yaml"
     path.write_text(config.model_dump_json(), encoding="utf-8")
-    found, expected = configured_sensors(path), SensorsModule(config.sensors).sensors
+    found, expected = read_sensors(path), SensorsModule(config.sensors).sensors
     assert found.names == tuple(sensor.name for sensor in expected)
     assert found.modalities == expected[0].modalities
 
@@ -43,7 +43,7 @@ def test_images_that_the_settings_leave_out_are_not_waited_for(tmp_path: Path) -
         config = config_from_mapping({"sensors": {"cameras": [CAMERA]}, "render": render})
         path = tmp_path / "config.yaml"
         path.write_text(config.model_dump_json(), encoding="utf-8")
-        return configured_sensors(path).modalities
+        return read_sensors(path).modalities
 
     every = modalities()
     assert modalities(quality="geometry") == tuple(m for m in every if m != "rgb")

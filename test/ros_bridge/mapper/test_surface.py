@@ -3,7 +3,7 @@
 import numpy as np
 
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_ros_bridge.mapper.mesh_topics import at_most, clustered
+from oaisys_ros_bridge.mapper.mesh_topics import at_most, cluster_vertices
 
 
 def grid_mesh(cells: int, edge_m: float) -> ColoredMesh:
@@ -27,7 +27,7 @@ def area_m2(mesh: ColoredMesh) -> float:
 def test_clustering_keeps_a_plane_a_plane_of_nearly_its_size():
     mesh = grid_mesh(100, 10.0)
 
-    small = clustered(mesh, 0.5)
+    small = cluster_vertices(mesh, 0.5)
 
     # 21 cells along an edge, as the last grid points begin one of their own: 20**2 squares.
     assert len(small.triangles) == 2 * 20**2

@@ -100,7 +100,7 @@ def test_every_row_is_declared_described_and_held_to(stage: Stage) -> None:
 def check_descriptor(row: ParameterRow, descriptor: ParameterDescriptor) -> None:
     assert descriptor.type == RCL_TYPES[row.kind]
     assert descriptor.description == row.description
-    assert row.expected in descriptor.additional_constraints
+    assert row.expectation in descriptor.additional_constraints
     assert descriptor.read_only == (row.changeable is Changeable.AT_START)
     if row.least is not None and row.most is not None:
         ranges = [*descriptor.integer_range, *descriptor.floating_point_range]

@@ -18,7 +18,7 @@ from waiting import wait_until
 from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.nodes.managed_node import ManagedNode
 from oaisys_ros_bridge.nodes.node_process import WaitingExecutor
-from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
+from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private import (
     argument_errors,
     executor_threads,
@@ -120,7 +120,7 @@ def test_without_rclpys_errors_wrong_arguments_are_still_refused(
     monkeypatch.setattr(argument_errors, "NAMES", ("GoneError", "UnknownROSArgsError"))
     for _ in range(2):
         with pytest.raises(InvalidInputError, match=r"arguments.*not a rule"):  # noqa: SIM117
-            with checked_ros_arguments(wrong):
+            with check_ros_arguments(wrong):
                 rclpy.init(args=["node", *wrong])
     (line,) = fallback_lines()
     assert "rclpy's errors cannot be used" in line

@@ -17,9 +17,9 @@ from std_msgs.msg import Header
 from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.publishing.compressed import (
     Compression,
-    compressed_depth_to_msg,
-    compressed_to_msg,
     depth_error_bound_m,
+    depth_to_compressed_msg,
+    image_to_compressed_msg,
 )
 
 HEADER = Header(stamp=Time(sec=7, nanosec=9), frame_id="somewhere")
@@ -64,7 +64,7 @@ def smooth_colors() -> np.ndarray:
 def test_a_colour_image_as_jpeg() -> None:
     rgb = smooth_colors()
 
-    msg = compressed_to_msg(rgb, "rgb8", HEADER, Compression(jpeg_quality=95))
+    msg = image_to_compressed_msg(rgb, "rgb8", HEADER, Compression(jpeg_quality=95))
 
     assert (msg.header, msg.format) == (HEADER, "rgb8; jpeg compressed bgr8")
     encoding, back = read_compressed(msg)
@@ -73,7 +73,7 @@ def test_a_colour_image_as_jpeg() -> None:
     # Whoever reads it as any JPEG sees red as red.
     pillow = by_pillow(msg)
     assert np.abs(pillow.astype(int) - rgb).mean() < 2.0
-    small = compressed_to_msg(rgb, "rgb8", HEADER, Compression(jpeg_quality=10))
+    small = image_to_compressed_msg(rgb, "rgb8", HEADER, Compression(jpeg_quality=10))
     assert len(small.data) < len(msg.data)
 
 
@@ -81,7 +81,9 @@ def test_a_colour_image_as_jpeg() -> None:
 def test_a_colour_image_as_png_is_what_it_was(level: int) -> None:
     rgb = np.random.default_rng(1).integers(0, 256, (48, 64, 3)).astype(np.uint8)
 
-    msg = compressed_to_msg(rgb, "rgb8", HEADER, Compression(color_format="png", png_level=level))
+    msg = image_to_compressed_msg(
+        rgb, "rgb8", HEADER, Compression(color_format="png", png_level=level)
+    )
 
     assert msg.format == "rgb8; png compressed bgr8"
     np.testing.assert_array_equal(read_compressed(msg)[1], rgb)
@@ -91,7 +93,7 @@ def test_a_colour_image_as_png_is_what_it_was(level: int) -> None:
 def test_labels_are_what_they_were() -> None:
     labels = np.random.default_rng(2).integers(0, 65536, (48, 64)).astype(np.uint16)
 
-    msg = compressed_to_msg(labels, "16UC1", HEADER, Compression())
+    msg = image_to_compressed_msg(labels, "16UC1", HEADER, Compression())
 
     assert msg.format == "16UC1; png compressed "
     encoding, back = read_compressed(msg)
@@ -104,7 +106,7 @@ def test_labels_are_what_they_were() -> None:
 def test_ids_are_what_they_were_beyond_sixteen_bits(dtype: type[Any]) -> None:
     ids = np.random.default_rng(3).integers(0, 2**31, (48, 64)).astype(dtype)
 
-    msg = compressed_to_msg(ids, "32SC1", HEADER, Compression())
+    msg = image_to_compressed_msg(ids, "32SC1", HEADER, Compression())
 
     assert msg.format == "32SC1; png compressed bgra8"
     encoding, back = read_compressed(msg)
@@ -119,7 +121,7 @@ def test_ids_are_what_they_were_beyond_sixteen_bits(dtype: type[Any]) -> None:
 @pytest.mark.parametrize("encoding", ["32FC1", "32FC2", "32FC3", "mono8"])
 def test_other_images_have_no_compressed_variant(encoding: str) -> None:
     with pytest.raises(InvalidInputError, match=r"image\.encoding"):
-        compressed_to_msg(np.zeros((4, 4), np.float32), encoding, HEADER, Compression())
+        image_to_compressed_msg(np.zeros((4, 4), np.float32), encoding, HEADER, Compression())
 
 
 def random_depth(least_m: float, most_m: float) -> np.ndarray:
@@ -137,7 +139,7 @@ def test_quantised_depth_is_within_its_bound(
     compression = Compression(depth_max_m=max_m, depth_quantization=quantization)
     depth_m = random_depth(least_m, 0.999 * max_m)
 
-    msg = compressed_depth_to_msg(depth_m, HEADER, compression)
+    msg = depth_to_compressed_msg(depth_m, HEADER, compression)
 
     assert (msg.header, msg.format) == (HEADER, "32FC1; compressedDepth png")
     _, a, b = struct.unpack_from("<iff", msg.data)
@@ -155,7 +157,7 @@ def test_depth_in_millimetres_is_within_half_of_one() -> None:
     compression = Compression(depth_encoding="16UC1", depth_max_m=60.0)
     depth_m = random_depth(0.05, 59.9)
 
-    msg = compressed_depth_to_msg(depth_m, HEADER, compression)
+    msg = depth_to_compressed_msg(depth_m, HEADER, compression)
 
     assert msg.format == "16UC1; compressedDepth png"
     error_m = np.abs(read_compressed_depth(msg) / 1000 - depth_m.astype(np.float64))
@@ -168,7 +170,7 @@ def test_what_is_no_depth_comes_back_as_none(encoding: Any) -> None:
     compression = Compression(depth_encoding=encoding, depth_max_m=70.0)
     depth_m = np.array([[np.inf, -np.inf, np.nan, 0.0, -1.0, 71.0, 5.0]], np.float32)
 
-    found = read_compressed_depth(compressed_depth_to_msg(depth_m, HEADER, compression))
+    found = read_compressed_depth(depth_to_compressed_msg(depth_m, HEADER, compression))
 
     if encoding == "16UC1":
         np.testing.assert_array_equal(found, [[0, 0, 0, 0, 0, 0, 5000]])
@@ -178,14 +180,14 @@ def test_what_is_no_depth_comes_back_as_none(encoding: Any) -> None:
 
 
 def test_depth_too_near_or_too_far_for_sixteen_bits_is_not_told_wrong() -> None:
-    inverse = compressed_depth_to_msg(np.full((2, 2), 0.1, np.float32), HEADER, Compression())
+    inverse = depth_to_compressed_msg(np.full((2, 2), 0.1, np.float32), HEADER, Compression())
     assert np.isnan(read_compressed_depth(inverse)).all()
 
     far = np.full((2, 2), 66.0, np.float32)
     whole = Compression(depth_encoding="16UC1", depth_max_m=100.0)
-    assert not read_compressed_depth(compressed_depth_to_msg(far, HEADER, whole)).any()
+    assert not read_compressed_depth(depth_to_compressed_msg(far, HEADER, whole)).any()
 
 
 def test_an_image_that_is_no_depth_is_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"\(H, W\) float32"):
-        compressed_depth_to_msg(np.zeros((4, 4), np.float64), HEADER, Compression())
+        depth_to_compressed_msg(np.zeros((4, 4), np.float64), HEADER, Compression())

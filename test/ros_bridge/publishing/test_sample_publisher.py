@@ -188,7 +188,7 @@ def test_nothing_is_made_that_nobody_listens_to(
         return all(user.received[topic] for topic in list(user.received)[-2:])
 
     user.wait_until(arrived)
-    assert sorted(made) == ["compressed_depth_to_msg", "compressed_to_msg"]
+    assert sorted(made) == ["depth_to_compressed_msg", "image_to_compressed_msg"]
 
 
 COMPRESSED = {

@@ -18,8 +18,8 @@ from oaisys_core.sensing.faults import (
     NoiseLaw,
     PoseDrift,
     drift_covariance,
-    measured_depth,
-    measured_frame,
+    measure_depth,
+    measure_frame,
     odometry_covariance,
 )
 from oaisys_core.simulation import Simulation
@@ -39,13 +39,13 @@ def flat(depth_m: float) -> np.ndarray:
 
 
 def measured(depth_m: float, faults: DepthFaults, capture: CaptureId = CAPTURE) -> np.ndarray:
-    return measured_depth(flat(depth_m), FX_PX, faults, capture).astype(np.float64).ravel()
+    return measure_depth(flat(depth_m), FX_PX, faults, capture).astype(np.float64).ravel()
 
 
 def test_without_faults_an_image_is_what_it_was() -> None:
     depth_m = flat(3.0)
 
-    assert measured_depth(depth_m, FX_PX, DepthFaults(seed=9), CAPTURE) is depth_m
+    assert measure_depth(depth_m, FX_PX, DepthFaults(seed=9), CAPTURE) is depth_m
 
 
 def test_parameters_offer_all_laws_and_no_fault_by_default() -> None:
@@ -67,7 +67,7 @@ def test_parameters_offer_all_laws_and_no_fault_by_default() -> None:
 def test_truth_is_left_alone(noise: NoiseLaw) -> None:
     depth_m = flat(3.0)
 
-    measured_depth(depth_m, FX_PX, DepthFaults(noise=noise, missing_ratio=0.5), CAPTURE)
+    measure_depth(depth_m, FX_PX, DepthFaults(noise=noise, missing_ratio=0.5), CAPTURE)
 
     assert (depth_m == 3.0).all()
 
@@ -114,7 +114,7 @@ def test_a_kinect_errs_with_the_square_of_depth() -> None:
         ramp_m = np.linspace(0.95 * depth_m, 1.05 * depth_m, SHAPE[0] * SHAPE[1], dtype=np.float32)
         # Rows of one depth each: who looks aside along a row sees the same.
         image_m = np.broadcast_to(ramp_m.reshape(SHAPE).mean(axis=1, keepdims=True), SHAPE)
-        found_m = measured_depth(
+        found_m = measure_depth(
             np.ascontiguousarray(image_m), FX_PX, DepthFaults(seed=5, noise="kinect"), CAPTURE
         )
         sigma_m = (found_m - image_m).astype(np.float64).std()
@@ -128,7 +128,7 @@ def test_a_kinect_looks_beside_its_pixels() -> None:
     edge_m = flat(2.0)
     edge_m[:, 160:] = np.inf
 
-    found_m = measured_depth(edge_m, FX_PX, DepthFaults(seed=6, noise="kinect"), CAPTURE)
+    found_m = measure_depth(edge_m, FX_PX, DepthFaults(seed=6, noise="kinect"), CAPTURE)
 
     # The rounded shift k of N(0, 1/2) is -1 or less with probability P(N < -1/2).
     share = np.isfinite(found_m[:, 160]).mean()
@@ -141,7 +141,7 @@ def test_a_kinect_looks_beside_its_pixels() -> None:
 def test_what_is_out_of_range_is_told_as_rep_117_has_it() -> None:
     depth_m = np.array([[0.2, 0.5, 3.0, 8.0, 8.5, np.inf]], np.float32)
 
-    found_m = measured_depth(depth_m, FX_PX, DepthFaults(min_depth_m=0.5, max_depth_m=8.0), CAPTURE)
+    found_m = measure_depth(depth_m, FX_PX, DepthFaults(min_depth_m=0.5, max_depth_m=8.0), CAPTURE)
 
     np.testing.assert_array_equal(found_m[0], [-np.inf, 0.5, 3.0, 8.0, np.inf, np.inf])
 
@@ -172,7 +172,7 @@ def test_pixels_go_missing_one_by_one(ratio: float) -> None:
     image_m = flat(2.0)
     image_m[:100] = np.inf
 
-    missing = np.isnan(measured_depth(image_m, FX_PX, DepthFaults(missing_ratio=ratio), CAPTURE))
+    missing = np.isnan(measure_depth(image_m, FX_PX, DepthFaults(missing_ratio=ratio), CAPTURE))
 
     for part in (missing[:100], missing[100:]):
         assert stats.binomtest(int(part.sum()), part.size, ratio).pvalue > UNLIKELY
@@ -249,12 +249,12 @@ def test_a_drifted_pose_is_moved_and_turned_about_the_axes_of_the_map() -> None:
     pose = Pose((1.0, 2.0, 3.0), (x, y, z, w))
     walk = drift.unit_walk(5, 1, 50)
 
-    found = drift.drifted(pose, (0.02, 0.003), 5, 1, 50)
+    found = drift.estimate(pose, (0.02, 0.003), 5, 1, 50)
 
     np.testing.assert_allclose(found.position_m, np.array([1, 2, 3]) + 0.02 * walk[:3])
     turn = Rotation.from_quat(found.quat_xyzw) * Rotation.from_quat(pose.quat_xyzw).inv()
     np.testing.assert_allclose(turn.as_rotvec(), 0.003 * walk[3:], atol=1e-12)
-    assert drift.drifted(pose, (0.0, 0.0), 5, 1, 50) is pose
+    assert drift.estimate(pose, (0.0, 0.0), 5, 1, 50) is pose
 
 
 def test_covariance_is_that_of_the_walk() -> None:
@@ -282,13 +282,13 @@ def test_the_simulator_makes_the_noise_that_the_bridge_makes(law: NoiseLaw) -> N
     values = {row.name: row.default for row in BRIDGE}
     added = depth_faults(values | {f"faults.{k}": v for k, v in faults.items()})
     for frame in true.frames:
-        published = measured_frame(
+        published = measure_frame(
             frame, added, CaptureId(true.batch_id, true.sample_id, "front")
         ).data
         found = simulated.frame("front", frame.modality).data
         np.testing.assert_array_equal(published, found)
         assert (published != frame.data).any()
-    drift = PoseDrift().drifted(true.rig_pose, (0.5, 0.1), 12, 1, 2)
+    drift = PoseDrift().estimate(true.rig_pose, (0.5, 0.1), 12, 1, 2)
     assert simulated.odometry is not None
     assert simulated.odometry.pose == drift
     covariance = np.diag(drift_covariance((0.5, 0.1), 2).reshape(6, 6))

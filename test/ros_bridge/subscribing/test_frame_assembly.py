@@ -255,9 +255,9 @@ def test_depth_images_that_never_find_their_camera_are_counted():
     made = assembler(use_color=False)
     for stamp_ns in range(PENDING + 3):
         made.add_image("depth", depth_msg(stamp_ns), 0.0)
-    assert made.given_up == 3
+    assert made.dropouts == 3
     made.clear()
-    assert made.given_up == 0
+    assert made.dropouts == 0
 
 
 def test_colours_of_another_camera_are_refused():

@@ -21,7 +21,7 @@ FEW, MANY = 1, 9
 """Samples per pixel of the calibration; what the difference takes is sampling alone."""
 
 
-def timed(settings: Settings, say: Say, count: int) -> dict[str, Any]:
+def time_samples(settings: Settings, say: Say, count: int) -> dict[str, Any]:
     """Return seconds and processor seconds of samples, by quality, and of pure sampling.
 
     Args:
@@ -47,7 +47,7 @@ def timed(settings: Settings, say: Say, count: int) -> dict[str, Any]:
         simulation.step_batch()
         observer = Observer(simulation)
         chosen = SAMPLED_VIEWS[:QUICK_VIEWS] if settings.quick else SAMPLED_VIEWS
-        views = [view.posed(observer.heights_m) for view in chosen]
+        views = [view.with_pose(observer.heights_m) for view in chosen]
         sampling_s = [_sampling_s(calibration)]
         for index, quality in enumerate(QUALITIES):
             say((1 + index) / (1 + len(QUALITIES)), quality)

@@ -14,7 +14,7 @@ import open3d as o3d
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import invert, pose_looking_down
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, RGB, SEMANTIC_0, Frame, ModuleMetadata, merged
+from oaisys_core.types import DEPTH, RGB, SEMANTIC_0, Frame, ModuleMetadata, merge
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS
@@ -67,8 +67,8 @@ def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
 def _views(settings: Settings, say: Say) -> list[Images]:
     """Return images of uneven ground from a grid of poses, by the analytic backend."""
     changes = {"seed": 1, "stage": {"extent_m": EXTENT_M, "resolution_px": 801}}
-    sized = merged(SMALL_WORLD, camera(settings.width_px, settings.height_px))
-    simulation = Simulation(config_from_mapping(merged(sized, changes)))
+    sized = merge(SMALL_WORLD, camera(settings.width_px, settings.height_px))
+    simulation = Simulation(config_from_mapping(merge(sized, changes)))
     simulation.step_batch()
     views = []
     for index in range(COLUMNS * ROWS):

@@ -18,7 +18,7 @@ import oaisys_core
 from oaisys_core.config import config_sha256
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, RGB, Frame, Pose, Sample
-from tools.bench.calibration import Calibration, calibrated
+from tools.bench.calibration import Calibration, calibrate
 from tools.bench.jobs.quality import REFERENCE_SAMPLES as SIX_VIEWS_SAMPLES
 from tools.bench.jobs.quality import reference_image
 from tools.bench.jobs.world import Observer, simulation_of, world_config
@@ -48,7 +48,7 @@ def draw_views(settings: Settings, say: Say, world: str, count: int) -> list[dic
         simulation.step_batch()
         observer = Observer(simulation)
         if world == SIX_VIEWS:
-            return [view.posed(observer.heights_m).to_dict() for view in VIEWS]
+            return [view.with_pose(observer.heights_m).to_dict() for view in VIEWS]
         extent_m = simulation.info().stage_extent_m
         assert extent_m is not None
 
@@ -140,7 +140,7 @@ def _begin(simulation: Simulation, view: PosedView, calibration: Calibration) ->
     calibration_s.append(calibration.seconds())
     seconds.append(Observer(simulation).view(view, _render(FIRST_QUALITY))[0])
     calibration_s.append(calibration.seconds())
-    ratios = calibrated(seconds, calibration_s)
+    ratios = calibrate(seconds, calibration_s)
     return {
         name: {"s": [value], "ratio": [ratio]}
         for name, value, ratio in zip(("batch", "first_sample"), seconds, ratios, strict=True)
@@ -167,7 +167,7 @@ def _timed(
             seconds.append(took_s)
         calibration_s.append(calibration.seconds())
         found["s"] += seconds
-        found["ratio"] += calibrated(seconds, calibration_s)
+        found["ratio"] += calibrate(seconds, calibration_s)
         found["calibration_s"] += calibration_s
     return found, [samples[view.name] for view in views]
 

@@ -13,7 +13,7 @@ import yaml
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, FloatArray, ModuleMetadata, Pose, merged
+from oaisys_core.types import DEPTH, FloatArray, ModuleMetadata, Pose, merge
 from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import CANDIDATES, NextBestViewPlanner
@@ -69,8 +69,8 @@ def next_view(settings: Settings, say: Say) -> dict[str, list[float]]:
 
 def _hill(settings: Settings) -> Simulation:
     world = yaml.safe_load(HILL.read_text(encoding="utf-8"))
-    sized = merged(world, camera(settings.width_px, settings.height_px))
-    simulation = Simulation(config_from_mapping(merged(sized, {"backend": "analytic"})))
+    sized = merge(world, camera(settings.width_px, settings.height_px))
+    simulation = Simulation(config_from_mapping(merge(sized, {"backend": "analytic"})))
     simulation.step_batch()
     return simulation
 

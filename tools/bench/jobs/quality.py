@@ -40,7 +40,7 @@ def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
             share = index / len(views)
             say(share, f"{view.name}: reference")
             facts = {"config": config_sha256(config), "blender": version}
-            posed = view.posed(observer.heights_m)
+            posed = view.with_pose(observer.heights_m)
             reference = reference_image(observer, posed, settings, facts, samples)
             by_preset = {}
             for each, name in enumerate(names):

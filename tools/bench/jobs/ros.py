@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import Pose, merged
+from oaisys_core.types import Pose, merge
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_ros_bridge.transport import prepare_transport
 from tools.bench.jobs.listener import COLORED, DEPTH, TOPICS, Listener
@@ -39,7 +39,7 @@ def publishing(settings: Settings, say: Say) -> dict[str, list[float]]:
     """
     choose_ros_domain()
     prepare_transport()
-    world = merged(SMALL_WORLD, camera(settings.width_px, settings.height_px))
+    world = merge(SMALL_WORLD, camera(settings.width_px, settings.height_px))
     found: dict[str, list[float]] = {"publish_ms": [], "cpu_ms": []}
     with (
         server(settings, world) as address,

@@ -51,7 +51,7 @@ def batches(settings: Settings, say: Say, changes: dict[str, Any]) -> dict[str, 
     return found
 
 
-def budgeted(settings: Settings, say: Say, budgets_s: list[float]) -> list[list[float]]:
+def time_by_budget(settings: Settings, say: Say, budgets_s: list[float]) -> list[list[float]]:
     """Return, by budget, the seconds of samples at random views."""
     count = QUICK_BUDGET_VIEWS if settings.quick else BUDGET_VIEWS
     found: list[list[float]] = []

@@ -8,7 +8,7 @@ from typing import Any
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, merged
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, merge
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.memory import keep_freed_memory
 from tools.bench.jobs.processes import SERVER, SMALL_WORLD, WORKER, child, server
@@ -48,7 +48,7 @@ def samples(
         call. ``stored_ms``: `GetSample` of the same sample.
     """
     keep_freed_memory()
-    world = merged(SMALL_WORLD, camera(*size_px))
+    world = merge(SMALL_WORLD, camera(*size_px))
     found: defaultdict[str, list[float]] = defaultdict(list)
     with (
         server(settings, world, "--pose-cache-mb", str(CACHE_MB if cached else 0)) as address,

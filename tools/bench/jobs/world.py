@@ -15,7 +15,7 @@ import _cycles  # isort: skip
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.errors import BackendUnavailableError
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample, merged
+from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample, merge
 from tools.bench.settings import Settings
 from tools.bench.views import NOON, PosedView
 from tools.bench.worlds import DEMO, world_file, world_mapping
@@ -25,7 +25,7 @@ def world_config(
     settings: Settings, changes: Mapping[str, Any] | None = None, world: str = DEMO
 ) -> SimulationConfig:
     """Return a world's configuration at the run's image size, with changes on top."""
-    mapping = merged(world_mapping(settings, world), changes or {})
+    mapping = merge(world_mapping(settings, world), changes or {})
     return config_from_mapping(mapping, world_file(world).parent)
 
 

@@ -28,7 +28,7 @@ def run_module(name: str, *arguments: str) -> list[str]:
     return printed.strip().splitlines()
 
 
-def printed_json(name: str, *arguments: str) -> Any:
+def run_for_json(name: str, *arguments: str) -> Any:
     """Run a module and return its last line, as JSON; libraries print before it.
 
     Raises:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.types import FloatArray, Frame
-from tools.bench.referees.module_process import printed_json
+from tools.bench.referees.module_process import run_for_json
 
 MAX_DEPTH_M = 60.0
 MAX_STEP_M = 0.5
@@ -60,7 +60,7 @@ def rgbd_figures(colour: Sequence[Frame], depth: Sequence[Frame]) -> RgbdFigures
             T=np.array([frame.T_map_camera for frame in colour]),
             K=colour[0].intrinsics.K,
         )
-        return RgbdFigures(**printed_json(__name__, str(file)))
+        return RgbdFigures(**run_for_json(__name__, str(file)))
 
 
 def _figures(data: Any) -> RgbdFigures:

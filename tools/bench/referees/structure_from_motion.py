@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray, Frame
-from tools.bench.referees.module_process import printed_json
+from tools.bench.referees.module_process import run_for_json
 
 IMAGES, TRUTH = "images", "truth.json"
 
@@ -83,7 +83,7 @@ def survey_figures(folder: Path, *, given_focal: float | None) -> SurveyFigures:
     Raises:
         ProgramError: COLMAP failed.
     """
-    return SurveyFigures(**printed_json(__name__, str(folder.absolute()), str(given_focal)))
+    return SurveyFigures(**run_for_json(__name__, str(folder.absolute()), str(given_focal)))
 
 
 def _reconstructed(folder: Path, truth: Mapping[str, Any], given_focal: float | None) -> Any:

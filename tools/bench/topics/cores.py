@@ -17,7 +17,7 @@ EXPECTED_CORES = (8, 16)
 MIN_CAPACITY = 1.2
 
 Turns = Sequence[Mapping[str, Any]]
-"""What the job ``cores.timed`` returned in each turn."""
+"""What the job ``cores.time_samples`` returned in each turn."""
 
 
 def run(settings: Settings, say: Say) -> list[Figure]:
@@ -31,7 +31,7 @@ def run(settings: Settings, say: Say) -> list[Figure]:
         for place, cores in enumerate(order):
             text = f"turn {turn + 1}, {cores} cores"
             part = say_of_part(say, 2 * turn + place, 2 * settings.runs, text)
-            job = run_job("cores.timed", settings, part, cores=usable[:cores], count=cores)
+            job = run_job("cores.time_samples", settings, part, cores=usable[:cores], count=cores)
             found[cores].append(job)
     return core_figures(found[1], found[len(usable)], len(usable))
 
@@ -76,7 +76,7 @@ def serial_share(one_s: float, all_s: float, cores: float) -> float:
     return (all_s / one_s - 1 / cores) / (1 - 1 / cores)
 
 
-def expected_s(one_s: float, share: float, cores: int) -> float:
+def seconds_by_amdahl(one_s: float, share: float, cores: int) -> float:
     """Return the seconds on a number of cores by Amdahl's law, see `serial_share`."""
     return one_s * (share + (1 - share) / cores)
 
@@ -94,7 +94,7 @@ def _shares(
     figures = [figure(f"cores_{quality}_serial_share", "%", [100 * share], goal, note)]
     for more in EXPECTED_CORES:
         # Noise must not make more than all of it parallel.
-        seconds = expected_s(one, max(share, 0.0), more)
+        seconds = seconds_by_amdahl(one, max(share, 0.0), more)
         note = f"expected, {whole / seconds:.2f} times as fast as on {cores}"
         figures.append(figure(f"cores_{quality}_{more}_s", "s", [seconds], note=note))
     return figures

@@ -78,11 +78,11 @@ def _pair(settings: Settings, say: Say, world: str, quality: str, first: int) ->
         "views": QUICK_VIEWS_EACH if settings.quick else VIEWS,
     }
     found: dict[str, Any] = {}
-    jobs = [("plain.loop", shape), ("rendering.rendered", {**shape, "workers": 1})]
+    jobs = [("plain.loop", shape), ("rendering.render_dataset", {**shape, "workers": 1})]
     for index, (job, arguments) in enumerate(jobs if first == 0 else jobs[::-1]):
         part = say_of_part(say, index, len(jobs), quality)
         found[job] = run_job(f"dataset.{job}", settings, part, **arguments)
-    return Pair(found["plain.loop"], found["rendering.rendered"])
+    return Pair(found["plain.loop"], found["rendering.render_dataset"])
 
 
 def speed_figures(row: str, quality: str, pairs: Sequence[Pair]) -> list[Figure]:
@@ -97,7 +97,7 @@ def speed_figures(row: str, quality: str, pairs: Sequence[Pair]) -> list[Figure]
     overhead = None if limit is None else Goal(limit)
     plain_s, data_s = (_total(pairs, key) for key in (plain_compared_s, data_compared_s))
     cpu = 100 * (_total(pairs, data_cpu_s) / _total(pairs, plain_cpu_s) - 1)
-    allowed = 100 * sum(allowed_s(pair.plain) for pair in pairs) / (hours * 3600)
+    allowed = 100 * sum(limit_s(pair.plain) for pair in pairs) / (hours * 3600)
     return [
         figure(f"{stem}_frames_per_hour", "", [frames / hours]),
         figure(f"{stem}_frames_per_core_hour", "", [frames / hours / cores]),
@@ -112,7 +112,7 @@ def speed_figures(row: str, quality: str, pairs: Sequence[Pair]) -> list[Figure]
     ]
 
 
-def allowed_s(plain: Mapping[str, Any]) -> float:
+def limit_s(plain: Mapping[str, Any]) -> float:
     """Return the seconds of all batches, and of as many steady views as were rendered.
 
     Each world's first view is not steady: Cycles builds its scene then.
@@ -171,7 +171,7 @@ def _workers(settings: Settings, say: Say, quality: str) -> list[Figure]:
     per_hour = {}
     for index, count in enumerate(WORKERS):
         data = run_job(
-            "dataset.rendering.rendered",
+            "dataset.rendering.render_dataset",
             settings,
             say_of_part(say, index, len(WORKERS), f"{count}"),
             world=DEMO,

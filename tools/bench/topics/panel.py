@@ -36,7 +36,7 @@ Found = Mapping[str, Any]
 
 def run(settings: Settings, say: Say) -> list[Figure]:
     """Return figures of each world and of all, or the comparison with another checkout."""
-    worlds = chosen_worlds(settings)
+    worlds = choose_worlds(settings)
     if settings.against is not None:
         count = QUICK_VIEWS if settings.quick else VIEWS
         return against.compare(settings, say, [w for w in worlds if w != SIX_VIEWS], count)
@@ -47,7 +47,7 @@ def run(settings: Settings, say: Say) -> list[Figure]:
     return panel_figures(found)
 
 
-def chosen_worlds(settings: Settings) -> list[str]:
+def choose_worlds(settings: Settings) -> list[str]:
     """Return the names of the worlds of a run, the six views' last."""
     if settings.worlds:
         return list(settings.worlds)

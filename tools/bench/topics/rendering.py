@@ -78,7 +78,7 @@ def sync(settings: Settings, say: Say) -> list[Figure]:
 
 def budget(settings: Settings, say: Say) -> list[Figure]:
     """Return seconds of each budget, and the largest deviation from it."""
-    found = run_job("samples.budgeted", settings, say, budgets_s=BUDGETS_S)
+    found = run_job("samples.time_by_budget", settings, say, budgets_s=BUDGETS_S)
     figures = []
     for budget_s, seconds in zip(BUDGETS_S, found, strict=True):
         stem = f"budget_{budget_s:g}"

@@ -55,7 +55,7 @@ class Range:
     digits: int
     meaning: str
 
-    def marked(self, value: float | None) -> str:
+    def mark(self, value: float | None) -> str:
         """Return the value as text, with an asterisk where it is out of the range."""
         if value is None:
             return "-"
@@ -199,4 +199,4 @@ def horizon_rms_px(is_sky: Mask, is_object: Mask) -> float | None:
 
 def marks(figures: Mapping[str, float | None]) -> dict[str, str]:
     """Return all figures as text, with an asterisk at those out of the range."""
-    return {RANGES[key].name: RANGES[key].marked(value) for key, value in figures.items()}
+    return {RANGES[key].name: RANGES[key].mark(value) for key, value in figures.items()}

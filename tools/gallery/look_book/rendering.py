@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from oaisys_core.config import SimulationConfig, adjusted
+from oaisys_core.config import SimulationConfig, adjust
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, INSTANCE, RGB, ModuleMetadata
@@ -51,7 +51,7 @@ def render_world(
         size: ``WIDTHxHEIGHT``.
     """
     try:
-        config = adjusted(world.config(), backend=backend, quality=quality, size=size)
+        config = adjust(world.config(), backend=backend, quality=quality, size=size)
         yield from _render(world, config, out)
     except OaisysError as error:
         for viewpoint, sun_deg in world.views:

@@ -25,7 +25,7 @@ def table(pictures: Sequence[LookPicture]) -> str:
     """Return a Markdown table of all figures; those out of the range have an asterisk."""
     headings = ["picture", *(each.name for each in RANGES.values())]
     limits = ["believed", *(_limits(key) for key in RANGES)]
-    medians = ["median", *(RANGES[key].marked(_median(pictures, key)) for key in RANGES)]
+    medians = ["median", *(RANGES[key].mark(_median(pictures, key)) for key in RANGES)]
     rows = [_row(picture) for picture in pictures]
     lines = [headings, ["---"] * len(headings), limits, medians, *rows]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
@@ -58,7 +58,7 @@ def _row(picture: LookPicture) -> list[str]:
     name = f"{picture.world}: {picture.view}"
     if picture.file is None:
         return [name, "not possible", *[""] * (len(RANGES) - 1)]
-    return [name, *(RANGES[key].marked(picture.figures[key]) for key in RANGES)]
+    return [name, *(RANGES[key].mark(picture.figures[key]) for key in RANGES)]
 
 
 def _limits(key: str) -> str:

@@ -152,6 +152,6 @@ class AssetsConfig(Section):
         return self
 
     @property
-    def labelled(self) -> tuple[Labelled, ...]:
+    def items_with_labels(self) -> tuple[Labelled, ...]:
         """Everything in the section that has labels."""
         return (*self.rocks, *self.primitives, *self.groups, *self.objects, *self.movers)

@@ -262,7 +262,7 @@ class EnvironmentConfig(Section):
         )
 
     @property
-    def labelled(self) -> tuple[Labelled, ...]:
+    def items_with_labels(self) -> tuple[Labelled, ...]:
         """Everything in the section that has labels; an id of 0 means no label."""
         images = self.hdri.images if self.hdri else ()
         mapped = [

@@ -311,7 +311,7 @@ class MaterialsConfig(Section):
         return [*self.layers, *(layer for pool in self.pools for layer in pool.layers)]
 
     @property
-    def labelled(self) -> list[Labelled]:
+    def items_with_labels(self) -> list[Labelled]:
         """Everything in the section that has labels."""
         layers = self._all_layers
         images = [layer.labels_from for layer in layers if layer.labels_from is not None]

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.section import Positive, Section
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.types import expected_modality, is_rendered, modality_spec
+from oaisys_core.types import is_rendered, modality_expectation, modality_spec
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -21,7 +21,7 @@ def _is_modality(name: str) -> str:
     try:
         modality_spec(name)
     except KeyError:
-        raise ValueError(f"expected {expected_modality(name)}") from None
+        raise ValueError(f"expected {modality_expectation(name)}") from None
     return name
 
 

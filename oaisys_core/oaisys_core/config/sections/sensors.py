@@ -13,7 +13,7 @@ from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
-from oaisys_core.errors import one_of, quoted
+from oaisys_core.errors import one_of, quote
 from oaisys_core.types import (
     DISPARITY,
     EQUIDISTANT,
@@ -22,7 +22,7 @@ from oaisys_core.types import (
     PLUMB_BOB,
     POINTS,
     PinholeIntrinsics,
-    expected_modality,
+    modality_expectation,
     modality_spec,
 )
 
@@ -41,7 +41,7 @@ def _known(modality: str) -> str:
     try:
         modality_spec(modality)
     except KeyError:
-        raise ValueError(f"expected {expected_modality(modality)}") from None
+        raise ValueError(f"expected {modality_expectation(modality)}") from None
     return modality
 
 
@@ -210,7 +210,7 @@ class CameraConfig(OpticsConfig):
         for modality in self.modality_intervals:
             if modality not in self.modalities:
                 raise ValueError(
-                    f"modality_intervals names {quoted(modality)}, which it does not render"
+                    f"modality_intervals names {quote(modality)}, which it does not render"
                 )
         return self
 
@@ -267,7 +267,7 @@ class StereoConfig(CameraConfig):
     def cameras(self) -> tuple[CameraConfig, CameraConfig]:
         """Return the left and the right camera."""
         shared = self.model_dump(exclude={"baseline_m", "name"})
-        mount = geometry.checked_pose(self.mount_position_m, self.mount_quat_xyzw)
+        mount = geometry.check_pose(self.mount_position_m, self.mount_quat_xyzw)
         to_right = geometry.transform(_NO_TURN, (0.0, -self.baseline_m, 0.0))
         right = geometry.pose_from_matrix(geometry.pose_to_matrix(mount) @ to_right)
         return (

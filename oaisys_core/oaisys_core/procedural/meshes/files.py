@@ -20,7 +20,7 @@ from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.files.mesh_headers import (
     MAX_VERTICES,
     check_mesh_file,
-    embedded_images,
+    inner_images,
     read_gltf,
 )
 from oaisys_core.files.path_fields import is_confined
@@ -127,7 +127,7 @@ def _loaded_scene(path: Path, field: str) -> Any:
 
     check_mesh_file(path, field)
     if path.suffix.lower() in Y_UP_SUFFIXES:
-        for name, data in embedded_images(*read_gltf(path, field)):
+        for name, data in inner_images(*read_gltf(path, field)):
             check_texture(data, f"{path}: {name}")
     references = FileReferences(path, field)
     try:

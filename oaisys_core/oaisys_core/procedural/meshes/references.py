@@ -10,7 +10,7 @@ from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_headers import image_size
 from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.files.mesh_headers import MAX_BYTES
-from oaisys_core.files.references import referenced_file
+from oaisys_core.files.references import resolve_reference
 
 IMAGE_SUFFIXES = frozenset(
     (
@@ -39,7 +39,7 @@ class FileReferences:
             OSError: It is not there.
         """
         try:
-            path = referenced_file(self._file, str(name), self._field)
+            path = resolve_reference(self._file, str(name), self._field)
             data = self._content(path)
             if path.suffix.lower() in IMAGE_SUFFIXES:
                 check_texture(data, str(path))

@@ -19,7 +19,7 @@ from oaisys_core.config.sections.density import (
     SlopeDensity,
     VoronoiDensity,
 )
-from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.images import DENSITY, read_pixels
 from oaisys_core.procedural.scatter.placement import slope_deg
 from oaisys_core.procedural.terrain.moisture import moisture
@@ -175,7 +175,7 @@ def _image(config: ImageDensity) -> Field:
     pixels = read_pixels(config.file, DENSITY, grey)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise ConfigError(
-            f"density.file: received {quoted(str(config.file))}, expected a grey image"
+            f"density.file: received {quote(str(config.file))}, expected a grey image"
         )
     share = pixels[::-1].astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
     return np.asarray(1 - share if config.invert else share)

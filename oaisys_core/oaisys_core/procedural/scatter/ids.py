@@ -99,7 +99,7 @@ class InstanceIdPlan:
         return in_blocks or any(instance_id in ids for ids in self._fixed)
 
 
-def added_id(name: str) -> int:
+def id_of_added(name: str) -> int:
     """Return the id of an object that metadata adds under a name."""
     digest = hashlib.sha256(name.encode()).digest()
     return FIRST_ADDED_ID + int.from_bytes(digest[:8], "big") % FIRST_ADDED_ID

@@ -31,7 +31,7 @@ class MoverTrajectory(Protocol):
     def way_m(self) -> FloatArray:
         """(K, 3) points of the whole way, once around if it is closed."""
 
-    def driven_m(self, sample_id: int, time_s: float | None) -> float:
+    def way_behind_m(self, sample_id: int, time_s: float | None) -> float:
         """Return how much of the way, from its start, lies behind the mover, as for the pose."""
 
 
@@ -64,7 +64,7 @@ class _PoseList:
         """See `MoverTrajectory`."""
         return np.asarray(self.T_map_body[:, :3, 3])
 
-    def driven_m(self, sample_id: int, time_s: float | None) -> float:
+    def way_behind_m(self, sample_id: int, time_s: float | None) -> float:
         """See `MoverTrajectory`."""
         steps_m = np.linalg.norm(np.diff(self.way_m[:, :2], axis=0), axis=1)
         return float(steps_m[:sample_id].sum())
@@ -91,7 +91,7 @@ class _Path:
         """See `MoverTrajectory`."""
         return self.points_m
 
-    def driven_m(self, sample_id: int, time_s: float | None) -> float:
+    def way_behind_m(self, sample_id: int, time_s: float | None) -> float:
         """See `MoverTrajectory`."""
         moved_m = sample_id * self.step_m
         if time_s is not None and self.speed_m_s is not None:
@@ -105,7 +105,7 @@ class _Path:
         pieces = np.diff(self.points_m, axis=0)
         lengths_m = np.linalg.norm(pieces, axis=1)
         ends_m = np.cumsum(lengths_m)
-        path_m = self.driven_m(sample_id, time_s)
+        path_m = self.way_behind_m(sample_id, time_s)
         path_m = path_m % ends_m[-1] if self.closed else min(path_m, ends_m[-1])
         piece = min(int(np.searchsorted(ends_m, path_m, side="right")), len(pieces) - 1)
         share = (path_m - (ends_m[piece] - lengths_m[piece])) / lengths_m[piece]

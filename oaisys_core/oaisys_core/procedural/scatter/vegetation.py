@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
-from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fitted
+from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fit_to_size
 from oaisys_core.procedural.scatter.plants.organ_sizes import MARGIN, ORGANS, inner
 from oaisys_core.procedural.scatter.plants.organs import LEAF_TRANSLUCENCY, Organs, add_kites
 from oaisys_core.procedural.scatter.rocks import icosphere
@@ -38,7 +38,7 @@ def grass_tuft(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBu
     parts = MeshBuilder()
     blade = ORGANS["grass_tuft"]["blade"]
     count = int(np.clip(34 * 0.026 * size_m / blade.mean_width_m, 12, MAX_BLADES))
-    _, widths = blade.drawn(count, rng, unit_m)
+    _, widths = blade.draw(count, rng, unit_m)
     for full_width in widths:
         azimuth = rng.uniform(0, 2 * np.pi)
         lean = min(abs(rng.normal(0.0, 0.38)) + 0.05, 0.9)
@@ -244,6 +244,6 @@ def _shade(color: ArrayLike, rng: np.random.Generator) -> FloatArray:
 
 
 LOW_PLANTS: dict[str, PlantGenerator] = {
-    build.__name__: partial(fitted, build.__name__, build)
+    build.__name__: partial(fit_to_size, build.__name__, build)
     for build in (grass_tuft, fern, rosette, shrub, dry_bush, moss_cushion)
 }

@@ -16,7 +16,7 @@ import scipy
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import ELEVATION, ImageUse, open_geotiff, read_pixels
 from oaisys_core.output import exr
-from oaisys_core.procedural.terrain.holes import filled, number_of_holes
+from oaisys_core.procedural.terrain.holes import fill_holes, number_of_holes
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray
 
@@ -111,7 +111,7 @@ def import_dem(
     if holes:
         share = 100 * missing.mean()
         LOG.warning("%s: filled %d holes, %d pixels (%.2f %%)", path, holes, filled_px, share)
-    height_m = filled(dem.height_m, missing) * scale
+    height_m = fill_holes(dem.height_m, missing) * scale
     height_m += -float(np.median(height_m)) if offset_m is None else offset_m
     step_m = min(pixel_m) if ground_spacing_m is None else ground_spacing_m
     height_m = _resampled(height_m, pixel_m, step_m, field)

@@ -68,7 +68,7 @@ class Detail:
         patch = patch_at(ground, self, (x, y))
         if near is not None and near.coarse is ground and near.patch == patch:
             return near
-        return detailed(ground, self, patch)
+        return add_detail(ground, self, patch)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def patch_at(ground: HeightField, detail: Detail, xy_m: ArrayLike) -> Patch:
     return Patch(*bounds[0], *bounds[1])
 
 
-def detailed(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGround:
+def add_detail(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGround:
     """Return the ground with one patch of it refined."""
     cells = max(patch.r1 - patch.r0, patch.c1 - patch.c0)
     factor = max(2, ceil(ground.spacing_m / detail.spacing_m - 1e-6))

@@ -16,7 +16,7 @@ ROWS = 128
 """Rows of the ground that are processed at once."""
 
 
-def displaced(
+def displace(
     ground: HeightField, material: TerrainMaterial, reliefs_m: Sequence[float]
 ) -> HeightField:
     """Return the ground displaced by the height maps of its layers.

@@ -49,7 +49,7 @@ def streams(
     z = elevation_m.astype(np.float64)
     for _ in range(steps):
         receiver, slope = _steepest(z, spacing_m, rng)
-        area = drained_area(receiver)
+        area = drainage_area(receiver)
         power = strength * area.reshape(z.shape) ** area_exponent * slope * spacing_m
         drop_m = z - z.ravel()[receiver].reshape(z.shape)
         z -= np.minimum(power, 0.5 * np.maximum(drop_m, 0.0))
@@ -59,7 +59,7 @@ def streams(
     return z
 
 
-def drained_area(receiver: NDArray[np.int64]) -> FloatArray:
+def drainage_area(receiver: NDArray[np.int64]) -> FloatArray:
     """Return the number of cells, including itself, that drain through each of (N,) cells.
 
     Args:
@@ -112,14 +112,14 @@ def slides(
 def receivers(
     elevation_m: FloatArray, spacing_m: float, rng: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Return the (N,) receivers of all cells, see `drained_area`; ``rng`` perturbs them."""
+    """Return the (N,) receivers of all cells, see `drainage_area`; ``rng`` perturbs them."""
     return _steepest(elevation_m, spacing_m, rng)[0]
 
 
 def _steepest(
     z: FloatArray, spacing_m: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the (N,) receivers of all cells (see `drained_area`), and the slopes towards them."""
+    """Return the (N,) receivers of all cells (see `drainage_area`), and the slopes towards them."""
     index = np.arange(z.size).reshape(z.shape)
     receiver, best, slope = index.copy(), np.zeros_like(z), np.zeros_like(z)
     for row, col in NEIGHBOURS:

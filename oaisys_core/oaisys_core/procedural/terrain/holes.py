@@ -24,7 +24,7 @@ def number_of_holes(missing: NDArray[np.bool_]) -> int:
     return int(scipy.ndimage.label(missing, structure=np.ones((3, 3)))[1])
 
 
-def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
+def fill_holes(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
     """Return (rows, cols) heights in which the missing ones solve Laplace's equation.
 
     The boundary of the image has no slope across it, so that missing heights at an edge continue
@@ -64,7 +64,7 @@ def _from_coarser(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArra
     blocks = (known.shape[0] // COARSER, COARSER, known.shape[1] // COARSER, COARSER)
     count = known.reshape(blocks).sum(axis=(1, 3))
     mean_m = values.reshape(blocks).sum(axis=(1, 3)) / np.maximum(count, 1)
-    coarse_m = filled(mean_m, count == 0)
+    coarse_m = fill_holes(mean_m, count == 0)
     places = [(np.arange(n) + 0.5) / COARSER - 0.5 for n in (rows, cols)]
     finer_m = scipy.ndimage.map_coordinates(
         coarse_m, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest"

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.noise import fractal, grid, warped
+from oaisys_core.procedural.terrain.noise import fractal, grid, warp
 from oaisys_core.types import FloatArray
 
 Elevation = NDArray[np.float32]
@@ -40,19 +40,19 @@ def unevenness(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """Return fine relief with features from 2 m lumps down to 15 cm clods."""
     x, y = grid(spec.extent_m, spec.resolution_px, cell=2.6)
     patchy = 0.55 + 0.45 * fractal(x / 4, y / 4, rng, octaves=2)
-    lumps = fractal(*warped(x, y, rng, 0.3, octaves=2), rng, octaves=2, kind="billow")
+    lumps = fractal(*warp(x, y, rng, 0.3, octaves=2), rng, octaves=2, kind="billow")
     clods = fractal(5 * x, 5 * y, rng, octaves=3, gain=0.6)
     rough = 0.60 * lumps + 0.11 * clods
     return np.asarray(rough * patchy, np.float32)
 
 
-def scaled(field: Elevation | FloatArray, relief_m: float) -> Elevation:
+def scale_to_relief(field: Elevation | FloatArray, relief_m: float) -> Elevation:
     """Return the field scaled to 0 to ``relief_m``."""
     low, high = float(field.min()), float(field.max())
     return np.asarray((field - low) * np.float32(relief_m / max(high - low, 1e-9)), np.float32)
 
 
-def grounded(elevation_m: Elevation | FloatArray) -> Elevation:
+def subtract_median(elevation_m: Elevation | FloatArray) -> Elevation:
     """Return the field shifted so that its median is 0."""
     return np.asarray(elevation_m - np.median(elevation_m), np.float32)
 
@@ -62,7 +62,7 @@ def relief_or(spec: GroundSpec, default_m: float) -> float:
     return default_m if spec.relief_m is None else spec.relief_m
 
 
-def refined(coarse: FloatArray, size_px: int) -> FloatArray:
+def refine(coarse: FloatArray, size_px: int) -> FloatArray:
     """Return a square field resampled to (size_px, size_px) by cubic splines."""
     if len(coarse) == size_px:
         return coarse

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.erosion import drained_area, receivers
+from oaisys_core.procedural.terrain.erosion import drainage_area, receivers
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray
@@ -62,7 +62,7 @@ def _moisture(ground: Ground) -> Field:
     rng = np.random.default_rng(0)
     area = np.zeros(height_m.size)
     for _ in range(ROUNDS):
-        area += drained_area(receivers(height_m, spacing_m, rng)) / ROUNDS
+        area += drainage_area(receivers(height_m, spacing_m, rng)) / ROUNDS
     slope_y, slope_x = np.gradient(height_m, spacing_m)
     slope = np.maximum(np.hypot(slope_x, slope_y), MIN_SLOPE)
     wetness = np.log(area.reshape(height_m.shape) / slope)

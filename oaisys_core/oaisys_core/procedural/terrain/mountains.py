@@ -8,10 +8,10 @@ from oaisys_core.procedural.terrain.erosion import slides, streams
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
-    grounded,
-    refined,
+    refine,
     relief_or,
-    scaled,
+    scale_to_relief,
+    subtract_median,
     unevenness,
 )
 from oaisys_core.procedural.terrain.noise import (
@@ -20,7 +20,7 @@ from oaisys_core.procedural.terrain.noise import (
     fractal,
     gradient_noise,
     grid,
-    warped,
+    warp,
 )
 from oaisys_core.types import FloatArray
 
@@ -34,13 +34,13 @@ def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     axis = np.linspace(-1, 1, spec.resolution_px)
     u, v = np.meshgrid(axis, axis)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 3.5)
-    wx, wy = warped(x, y, rng, strength=0.3)
+    wx, wy = warp(x, y, rng, strength=0.3)
     bend = fractal(x, y, rng, octaves=3)
     radius = np.hypot(u, v) * (1 + 0.3 * bend)
     cone = np.exp(-np.power(radius / 0.45, 1.5)).astype(np.float32)
     ridges = fractal(wx, wy, rng, octaves=6, kind="ridged", gain=0.42)
     hill = cone * (0.62 + 0.5 * ridges) + 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    return grounded(scaled(hill, height_m) + spec.roughness * unevenness(spec, rng))
+    return subtract_median(scale_to_relief(hill, height_m) + spec.roughness * unevenness(spec, rng))
 
 
 def mountain_2(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -48,13 +48,15 @@ def mountain_2(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     height_m = relief_or(spec, 0.22 * spec.extent_m)
     spacing_m = spec.extent_m / (ERODED_PX - 1)
     x, y = grid(spec.extent_m, ERODED_PX, cell=spec.extent_m / 3.0)
-    wx, wy = warped(x, y, rng, strength=0.35)
+    wx, wy = warp(x, y, rng, strength=0.35)
     heading = rng.uniform(0, np.pi)
     across = (x - 1.5) * np.cos(heading) + (y - 1.5) * np.sin(heading)
     across = across + 0.35 * fractal(x, y, rng, octaves=2)
     envelope = np.exp(-np.square(across / 0.85))
     crests = fractal(wx, wy, rng, octaves=5, kind="ridged", gain=0.45)
-    raw = scaled(envelope * (0.35 + crests) + 0.05 * fractal(x, y, rng, octaves=4), height_m)
+    raw = scale_to_relief(
+        envelope * (0.35 + crests) + 0.05 * fractal(x, y, rng, octaves=4), height_m
+    )
     cut = streams(raw, spacing_m, rng, steps=50, strength=0.03)
     return _finished(spec, cut, height_m, rng)
 
@@ -64,13 +66,13 @@ def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     height_m = relief_or(spec, 0.14 * spec.extent_m)
     spacing_m = spec.extent_m / (ERODED_PX - 1)
     x, y = grid(spec.extent_m, ERODED_PX, cell=spec.extent_m / 2.2)
-    wx, wy = warped(x, y, rng, strength=0.3)
+    wx, wy = warp(x, y, rng, strength=0.3)
     land = fractal(wx, wy, rng, octaves=5, gain=0.5)
     heading = rng.uniform(0, 2 * np.pi)
     rise = (x - 1.1) * np.cos(heading) + (y - 1.1) * np.sin(heading)
     share = 1 / (1 + np.exp(-3 * (rise + 0.6 * fractal(x, y, rng, octaves=2))))
     crests = fractal(2 * wx, 2 * wy, rng, octaves=5, kind="ridged", gain=0.45)
-    raw = scaled(0.45 * land + share * (0.25 + crests), height_m)
+    raw = scale_to_relief(0.45 * land + share * (0.25 + crests), height_m)
     cut = streams(raw, spacing_m, rng, steps=40, strength=0.03)
     low_m, high_m = np.quantile(cut, (0.02, 0.22))
     # Sediment from the heights levels the valley floors.
@@ -88,7 +90,7 @@ def another_noise(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """
     height_m = relief_or(spec, 0.12 * spec.extent_m)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 4.0)
-    x, y = warped(x, y, rng, strength=0.25, octaves=2)
+    x, y = warp(x, y, rng, strength=0.25, octaves=2)
     total: Field = gradient_noise(x, y, rng) + np.float32(0.7)
     weight = total.copy()
     for octave in range(1, 7):
@@ -98,7 +100,9 @@ def another_noise(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         signal = noise * np.float32(scale**-0.9)
         total += weight * signal
         weight = weight * signal * np.float32(2.2)
-    return grounded(scaled(total, height_m) + spec.roughness * 0.7 * unevenness(spec, rng))
+    return subtract_median(
+        scale_to_relief(total, height_m) + spec.roughness * 0.7 * unevenness(spec, rng)
+    )
 
 
 def _finished(
@@ -107,12 +111,12 @@ def _finished(
     """Return an eroded landscape at the resolution of the ground, with crags where it is high."""
     spacing_m = spec.extent_m / (ERODED_PX - 1)
     settled = slides(eroded_m, spacing_m, steps=12, repose_deg=48.0)
-    large_m = scaled(refined(settled, spec.resolution_px), height_m)
+    large_m = scale_to_relief(refine(settled, spec.resolution_px), height_m)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 18.0)
     crags = fractal(x, y, rng, octaves=4, kind="ridged", gain=0.5)
     bare = np.clip(large_m / max(height_m, 1e-9) * 1.6 - 0.25, 0, 1)
     rocky_m = 0.06 * height_m * bare * (crags - 0.45)
-    return grounded(large_m + rocky_m + spec.roughness * unevenness(spec, rng))
+    return subtract_median(large_m + rocky_m + spec.roughness * unevenness(spec, rng))
 
 
 def _softly_above(height_m: FloatArray, floor_m: float, soft_m: float) -> FloatArray:

@@ -206,7 +206,7 @@ def fractal(
     return total / np.float32(norm)
 
 
-def warped(
+def warp(
     x: FloatArray,
     y: FloatArray,
     rng: np.random.Generator,
@@ -244,7 +244,7 @@ def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -
     # Fade out below the lowest frequency, because a sharp cut-off would cause ringing.
     gain = np.where(relative >= 1, np.maximum(relative, 1) ** np.float32(-rough), relative**4)
     gain[0, 0] = 0
-    return filtered(size, gain, rng)
+    return filter_noise(size, gain, rng)
 
 
 def band(size: int, lowest: float, highest: float, rng: np.random.Generator) -> Field:
@@ -262,10 +262,10 @@ def band(size: int, lowest: float, highest: float, rng: np.random.Generator) -> 
     ).astype(np.float32)
     inside = (frequency >= lowest) & (frequency <= highest) & (frequency > 0)
     gain = np.where(inside, 1 / np.maximum(frequency, 1e-9), 0)
-    return filtered(size, np.asarray(gain, np.float32), rng)
+    return filter_noise(size, np.asarray(gain, np.float32), rng)
 
 
-def filtered(size: int, gain: Field, rng: np.random.Generator) -> Field:
+def filter_noise(size: int, gain: Field, rng: np.random.Generator) -> Field:
     """Return (size, size) tileable noise with standard deviation 1.
 
     Args:

@@ -10,8 +10,8 @@ from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
     Preset,
-    grounded,
-    scaled,
+    scale_to_relief,
+    subtract_median,
     unevenness,
 )
 from oaisys_core.procedural.terrain.mountains import (
@@ -20,7 +20,7 @@ from oaisys_core.procedural.terrain.mountains import (
     mountain_1,
     mountain_2,
 )
-from oaisys_core.procedural.terrain.noise import fractal, grid, warped
+from oaisys_core.procedural.terrain.noise import fractal, grid, warp
 from oaisys_core.procedural.terrain.sculpted import canyon, craters, dunes, mesa
 from oaisys_core.scene import HeightField
 
@@ -76,10 +76,10 @@ def plane(spec: GroundSpec, _rng: np.random.Generator) -> Elevation:
 def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """Rolling ground: mounds and hollows some metres wide, with lumps and ruts."""
     x, y = grid(spec.extent_m, spec.resolution_px, cell=22.0)
-    x, y = warped(x, y, rng, strength=0.35)
+    x, y = warp(x, y, rng, strength=0.35)
     rolling = fractal(x, y, rng, octaves=3, gain=0.45)
-    large = scaled(rolling, 4.5 if spec.relief_m is None else spec.relief_m)
-    return grounded(large + spec.roughness * unevenness(spec, rng))
+    large = scale_to_relief(rolling, 4.5 if spec.relief_m is None else spec.relief_m)
+    return subtract_median(large + spec.roughness * unevenness(spec, rng))
 
 
 PRESETS: dict[str, Preset] = {

@@ -12,12 +12,12 @@ from oaisys_core.procedural.terrain.erosion import REPOSE_DEG, slides
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
-    grounded,
-    refined,
+    refine,
     relief_or,
+    subtract_median,
     unevenness,
 )
-from oaisys_core.procedural.terrain.noise import fractal, grid, warped
+from oaisys_core.procedural.terrain.noise import fractal, grid, warp
 from oaisys_core.types import FloatArray
 
 logger = logging.getLogger(__name__)
@@ -54,8 +54,8 @@ def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     sand_m = height_m * (size * _dune(u + bend) + 0.16 * second)
     spacing_m = spec.extent_m / (SAND_PX - 1)
     sand_m = slides(sand_m, spacing_m, steps=40, repose_deg=REPOSE_DEG)
-    fine_m = refined(sand_m, spec.resolution_px) + spec.roughness * _ripples(spec, rng)
-    return grounded(fine_m)
+    fine_m = refine(sand_m, spec.resolution_px) + spec.roughness * _ripples(spec, rng)
+    return subtract_median(fine_m)
 
 
 def _dune(phase: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """Table mountains: level tops, fluted cliffs in layers, aprons of scree, a plain around."""
     height_m = relief_or(spec, 0.14 * spec.extent_m)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 2.4)
-    wx, wy = warped(x, y, rng, strength=0.3, octaves=2)
+    wx, wy = warp(x, y, rng, strength=0.3, octaves=2)
     shape = fractal(wx, wy, rng, octaves=4, gain=0.42)
     flutes = fractal(9 * x, 9 * y, rng, octaves=2, kind="billow")
     inside = _equalised(shape) + 0.035 * (flutes - 0.3)
@@ -90,7 +90,7 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     outline = np.interp(inside, at, up)
     rolling = 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
     large_m = np.float32(height_m) * _rounded(outline + rolling)
-    return grounded(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
+    return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
 def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -101,13 +101,13 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     bends = 0.20 * fractal(1.7 * u, np.full_like(u, 0.37), rng, octaves=2)
     bends += 0.06 * fractal(4 * u, 4 * v, rng, octaves=2)
     off_axis = np.abs(v + bends) / 0.33
-    side = fractal(*warped(2.6 * u, 2.6 * v, rng, 0.3, 2), rng, octaves=2, kind="ridged", gain=0.3)
+    side = fractal(*warp(2.6 * u, 2.6 * v, rng, 0.3, 2), rng, octaves=2, kind="ridged", gain=0.3)
     flutes = fractal(16 * u, 16 * v, rng, octaves=3)
     upward = off_axis - 0.34 * side**2 * np.clip(off_axis, 0, 1) + 0.016 * flutes
     outline = np.interp(upward, *_strata(rng))
     rolling = 0.03 * fractal(5 * u, 5 * v, rng, octaves=3)
     large_m = np.float32(depth_m) * _rounded(outline + rolling)
-    return grounded(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
+    return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
 def _rounded(outline: FloatArray) -> NDArray[np.float32]:
@@ -159,7 +159,7 @@ def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
             smallest_m=min(smallest_m, largest_m / 2),
             has_largest=spec.relief_m is not None,
         )
-    return grounded(large_m + spec.roughness * 0.18 * unevenness(spec, rng))
+    return subtract_median(large_m + spec.roughness * 0.18 * unevenness(spec, rng))
 
 
 def _diameter_m(depth_m: float, extent_m: float) -> float:

@@ -56,7 +56,7 @@ class Water:
     wet_bank_m: float
     _joined: tuple[Parts, Parts] | None = field(default=None, repr=False)
 
-    def joined(
+    def join(
         self, prototypes: tuple[MeshPrototype, ...], placements: tuple[Placement, ...]
     ) -> Parts:
         """Return the parts of a scene with those of the water; identical ones for identical ones.

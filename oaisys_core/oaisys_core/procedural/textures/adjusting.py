@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from oaisys_core.color import encoded, linear
+from oaisys_core.color import encode_srgb, linear
 from oaisys_core.procedural.textures.fields import normals_from_height
 from oaisys_core.procedural.textures.normal_maps import decode_normals, encode_normals
 from oaisys_core.scene.terrain_material import PbrMaps
@@ -37,7 +37,7 @@ class ColorChange:
     curves: Curves = field(default_factory=dict)
 
 
-def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
+def recolor(maps: PbrMaps, change: ColorChange) -> PbrMaps:
     """Return a texture set with changed colour, or itself if nothing changes."""
     import cv2
 
@@ -58,7 +58,7 @@ def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
         hsv[..., 1] = np.minimum(hsv[..., 1] * change.saturation, 1)
         hsv[..., 2] *= change.value
         color = np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), np.float32)
-    return replace(maps, color_srgb=encoded(color))
+    return replace(maps, color_srgb=encode_srgb(color))
 
 
 def with_relief(maps: PbrMaps, displacement_m: float | None, strength: float) -> PbrMaps:

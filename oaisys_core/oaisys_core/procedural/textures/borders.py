@@ -135,7 +135,7 @@ def keys(heights: Image, weights: Image) -> Image:
     return np.asarray(heights + np.log(np.maximum(weights - np.float32(NEGLIGIBLE), least)))
 
 
-def mixed(key: Image, below: Image, border: LayerBorder) -> tuple[Image, Image]:
+def mix(key: Image, below: Image, border: LayerBorder) -> tuple[Image, Image]:
     """Return the mix factor of a layer over those before it, and the key of all of them."""
     above = key - below
     slope, gain, surplus = (np.asarray(each, np.float32) for each in border)
@@ -155,7 +155,7 @@ def relief_weights(weights: FloatArray, heights: FloatArray, variances: FloatArr
     seen = np.zeros_like(weights)
     seen[:, 0], below = 1.0, of_layers[0]
     for layer, border in enumerate(borders(list(variances.T)), start=1):
-        factor, below = mixed(of_layers[layer], below, border)
+        factor, below = mix(of_layers[layer], below, border)
         seen[:, :layer] *= 1 - factor[:, None]
         seen[:, layer] = factor
     return seen

@@ -18,7 +18,7 @@ import numpy as np
 
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.scene import PbrMaps
-from oaisys_core.system.leftovers import removed_when_killed
+from oaisys_core.system.leftovers import remove_when_killed
 
 LOG = logging.getLogger(__name__)
 
@@ -112,7 +112,7 @@ def write(path: Path, maps: PbrMaps) -> None:
     """Write a texture set to the cache, and remove the least recently used ones over the limit."""
     partial = path.with_name(f"{secrets.token_hex(8)}{PARTIAL}")
     try:
-        with removed_when_killed(partial):
+        with remove_when_killed(partial):
             with partial.open("xb") as file:
                 arrays = {kind: getattr(maps, kind) for kind in KINDS}
                 np.savez(file, tile_m=np.array(maps.tile_m), **arrays)

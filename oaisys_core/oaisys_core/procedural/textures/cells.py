@@ -36,7 +36,7 @@ def voronoi(
     """
     x, y = fields.unit_grid(size_px, cells)
     if warp:
-        x, y = fields.warped(x, y, cells, rng, warp, smooth)
+        x, y = fields.warp(x, y, cells, rng, warp, smooth)
     offset = (0.5 + rng.uniform(-jitter, jitter, (2, cells * cells))).astype(np.float32)
     nearest = np.full(x.shape, np.inf, np.float32)
     ids = np.zeros(x.shape, np.int64)
@@ -52,7 +52,7 @@ def voronoi(
     return ids
 
 
-def crossed(first: Ids, second: Ids) -> Ids:
+def intersect(first: Ids, second: Ids) -> Ids:
     """Return the (N, N) ids of the intersections of two sets of cells."""
     pair = first * (int(second.max()) + 1) + second
     number = np.unique(pair, return_inverse=True)[1]
@@ -103,7 +103,7 @@ def from_centre(ids: Ids) -> tuple[Field, Field]:
     return away[0], away[1]
 
 
-def tilted(ids: Ids, rng: np.random.Generator) -> Field:
+def facet_heights(ids: Ids, rng: np.random.Generator) -> Field:
     """Return (N, N) heights of one tilted plane per cell, 0 at its centre.
 
     Slopes are normally distributed with standard deviation 1 along each axis.
@@ -113,7 +113,7 @@ def tilted(ids: Ids, rng: np.random.Generator) -> Field:
     return np.asarray(slope[0][ids] * x + slope[1][ids] * y, np.float32)
 
 
-def jointed(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend: float) -> Ids:
+def joint_blocks(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend: float) -> Ids:
     """Return the (N, N) ids of the blocks between two perpendicular sets of joints.
 
     Args:
@@ -125,7 +125,7 @@ def jointed(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend:
     """
     a, b = sets
     x, y = fields.unit_grid(size_px, 1)
-    x, y = fields.warped(x, y, 2, rng, bend, 3.2)
+    x, y = fields.warp(x, y, 2, rng, bend, 3.2)
     first = np.floor(a * x + b * y).astype(np.int64)
     second = np.floor(a * y - b * x).astype(np.int64)
     # Wrapping around the tile maps (i, j) to (i + a, j - b) or (i + b, j + a), the same block.

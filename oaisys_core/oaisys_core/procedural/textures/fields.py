@@ -35,11 +35,11 @@ def crests(size_px: int, cells: int, rng: np.random.Generator, octaves: int = 5)
 def grains(size_px: int, rng: np.random.Generator, width_px: float) -> Field:
     """Return (N, N) tileable noise with grains some pixels wide and standard deviation 1."""
     white = rng.standard_normal((size_px, size_px)).astype(np.float32)
-    soft = blurred(white, width_px)
+    soft = blur(white, width_px)
     return soft / np.float32(soft.std() + 1e-9)
 
 
-def blurred(field: Field, sigma_px: float) -> Field:
+def blur(field: Field, sigma_px: float) -> Field:
     """Return a field after a Gaussian blur that wraps around the tile's edges."""
     import cv2
 
@@ -49,7 +49,7 @@ def blurred(field: Field, sigma_px: float) -> Field:
     return np.asarray(soft[pad:-pad, pad:-pad], np.float32)
 
 
-def warped(
+def warp(
     x: Field, y: Field, cells: int, rng: np.random.Generator, strength: float, rough: float = 2.4
 ) -> tuple[Field, Field]:
     """Return coordinates displaced by smooth tileable noise with std. deviation ``strength``."""
@@ -64,7 +64,7 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
     (Worley, "A cellular texture basis function", SIGGRAPH 1996).
     """
     x, y = unit_grid(size_px, cells)
-    x, y = warped(x, y, cells, rng, 0.16)
+    x, y = warp(x, y, cells, rng, 0.16)
     jitter = rng.uniform(0.1, 0.9, (2, cells, cells)).astype(np.float32)
     nearest = np.full(x.shape, 9.0, np.float32)
     second = np.full(x.shape, 9.0, np.float32)
@@ -82,7 +82,7 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
 def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
     """Return (N, N) tileable wavy layers of -1 to 1 along the rows, ``bands`` of them."""
     x, y = unit_grid(size_px, 4)
-    _, y = warped(x, y, 4, rng, 0.15)
+    _, y = warp(x, y, 4, rng, 0.15)
     profile = np.interp(
         np.linspace(0, bands, 512, endpoint=False),
         np.arange(bands + 1),
@@ -97,7 +97,7 @@ def ripples(size_px: int, waves: tuple[int, int], rng: np.random.Generator, bend
     ``bend`` is the deviation of a crest from a line, as a share of the tile.
     """
     x, y = unit_grid(size_px, 1)
-    x, y = warped(x, y, 3, rng, bend)
+    x, y = warp(x, y, 3, rng, bend)
     return np.asarray(np.sin(np.float32(2 * np.pi) * (waves[0] * x + waves[1] * y)), np.float32)
 
 
@@ -203,7 +203,7 @@ def spread(
 
 def occlusion(height: Field, radius_px: float) -> Field:
     """Return (N, N) factors, 0.35 to 1, that darken points below their surroundings."""
-    hollow = blurred(height, radius_px) - height
+    hollow = blur(height, radius_px) - height
     scale = np.float32(OCCLUDING_SLOPE * radius_px / len(height))
     return np.asarray(np.clip(1 - np.maximum(hollow, 0) / scale, 0.35, 1), np.float32)
 

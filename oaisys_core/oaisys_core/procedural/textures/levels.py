@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import encoded, linear
+from oaisys_core.color import encode_srgb, linear
 from oaisys_core.procedural.textures.normal_maps import decode_normals, encode_normals
 from oaisys_core.scene.terrain_material import PbrMaps
 
@@ -42,7 +42,7 @@ def levels_of(maps: PbrMaps) -> tuple[PbrMaps, ...]:
         result.append(
             replace(
                 maps,
-                color_srgb=encoded(color * flatness),
+                color_srgb=encode_srgb(color * flatness),
                 height=height,
                 normal_gl=encode_normals(np.clip(facing / facing[..., 2:], -1, 1)),
                 roughness=roughness,

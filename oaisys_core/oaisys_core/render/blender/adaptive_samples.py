@@ -56,7 +56,7 @@ class ViewNeed(NamedTuple):
     shade: float
 
 
-def adapted(surface: Surface, camera: PlacedCamera, settings: RenderSettings) -> RenderSettings:
+def adapt(surface: Surface, camera: PlacedCamera, settings: RenderSettings) -> RenderSettings:
     """Return the settings with a view's own samples per pixel and clutter."""
     is_adaptive = settings.max_samples > settings.samples
     if not is_adaptive and not (settings.denoise and settings.samples > 1):

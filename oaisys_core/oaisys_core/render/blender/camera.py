@@ -15,7 +15,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_OPTICAL_BLENDER, pixel_rays
-from oaisys_core.render.blender.fisheye import fisheye_image, rendered_fisheye, set_fisheye
+from oaisys_core.render.blender.fisheye import fisheye_image, fisheye_to_render, set_fisheye
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
@@ -104,7 +104,7 @@ def shutter_motion(
 
     Args:
         camera: The camera.
-        complete: What is rendered for it, see `rendered_pinhole`.
+        complete: What is rendered for it, see `pinhole_to_render`.
         rendered: The same with fewer pixels.
     """
     if camera.pose_at is None or not (camera.readout_s or camera.exposure_s):
@@ -228,13 +228,13 @@ def footprint_group() -> Any:
     return group
 
 
-def rendered_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
+def pinhole_to_render(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
     """Return what is rendered for a camera: its own intrinsics, unless it distorts.
 
     For a fisheye, it is another fisheye.
     """
     if intrinsics.is_fisheye:
-        return rendered_fisheye(intrinsics)
+        return fisheye_to_render(intrinsics)
     return covering_pinhole(intrinsics) if any(intrinsics.distortion) else intrinsics
 
 
@@ -258,7 +258,7 @@ def covering_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
     return PinholeIntrinsics(width, height, fx_px, fy_px, float(cx_px), float(cy_px))
 
 
-def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsics:
+def scale_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsics:
     """Return a camera with the same field of view and ``scale`` times the pixels per side."""
     if scale == 1.0:
         return pinhole
@@ -280,7 +280,7 @@ def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsic
 def camera_image(
     image: NDArray[np.uint8], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
 ) -> NDArray[np.uint8]:
-    """Return a camera's image of one that its `rendered_pinhole` sees, which may be smaller."""
+    """Return a camera's image of one that its `pinhole_to_render` sees, which may be smaller."""
     size = pinhole.width_px, pinhole.height_px
     if image.shape[1::-1] != size:
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)

@@ -17,9 +17,9 @@ from oaisys_core.render.blender.camera import (
     camera_image,
     moving,
     new_camera,
+    pinhole_to_render,
     place,
-    rendered_pinhole,
-    scaled_pinhole,
+    scale_pinhole,
     set_intrinsics,
     set_lens,
     set_pixel_angle,
@@ -106,9 +106,9 @@ class ColorRenderer:
             RenderError: See `Cycles.render_radiance`; or ground is black.
         """
         began_s = time.perf_counter()
-        pinhole = rendered_pinhole(camera.intrinsics)
+        pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
-        rendered = scaled_pinhole(pinhole, plan.scale)
+        rendered = scale_pinhole(pinhole, plan.scale)
         self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
         with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
@@ -146,7 +146,7 @@ class ColorRenderer:
 
         See `color`.
         """
-        pinhole = rendered_pinhole(camera.intrinsics)
+        pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         self._aim(camera, pinhole, None)
         # Haze is part of the materials' colours.

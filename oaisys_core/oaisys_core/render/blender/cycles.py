@@ -9,7 +9,6 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR
 from oaisys_core.render.blender.cycles_render import render_scene
@@ -23,7 +22,7 @@ from oaisys_core.render.blender.postprocessing import (
     Denoiser,
     RenderResult,
     blenders_denoiser,
-    denoised,
+    denoise_image,
     pass_of,
 )
 from oaisys_core.render.blender.time_budget import DenoisingQuality
@@ -132,7 +131,7 @@ class Cycles:
         Raises:
             RenderError: The passes are missing, or denoising failed.
         """
-        radiance = denoised(rendered, settings, self._denoiser(), denoising, ground)
+        radiance = denoise_image(rendered, settings, self._denoiser(), denoising, ground)
         if gains is not None:
             radiance = radiance[..., :3] * np.array(gains, np.float32)
         is_surface = pass_of(rendered, DEPTH)[..., 0] < BACKGROUND_M

@@ -23,7 +23,7 @@ from oaisys_core.private.cycles_log import noted_errors
 from oaisys_core.private.cycles_session import end_sampling
 from oaisys_core.render.blender.compat import IS_BLENDER_5
 from oaisys_core.render.blender.postprocessing import RenderResult
-from oaisys_core.system.interruption import stop_if_unwanted, stopped_by
+from oaisys_core.system.interruption import stop_if_unwanted, stop_when_unwanted
 
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 
@@ -83,7 +83,7 @@ def _render_directly(
             if rendered.sampling_began_s:
                 end_sampling(session_of(running), bpy.app.version)
 
-        with noted_errors(bpy.app.version) as errors, stopped_by(stop):
+        with noted_errors(bpy.app.version) as errors, stop_when_unwanted(stop):
             render()
         rendered.errors += errors
         result = running.get_result()

@@ -34,7 +34,7 @@ MARGIN_PX = 2
 """Border that is rendered around an image that is resampled."""
 
 
-def rendered_fisheye(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
+def fisheye_to_render(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
     """Return the fisheye that is rendered for a camera: its principal point is in the centre.
 
     That of a camera which has it there is the camera itself.
@@ -102,7 +102,7 @@ def _most_radius(intrinsics: PinholeIntrinsics) -> float:
 def fisheye_image(
     image: NDArray[np.uint8], rendered: PinholeIntrinsics, intrinsics: PinholeIntrinsics
 ) -> NDArray[np.uint8]:
-    """Return a camera's image of one that its `rendered_fisheye` sees."""
+    """Return a camera's image of one that its `fisheye_to_render` sees."""
     source = _source_pixels(rendered, intrinsics)
     if source is None:
         return image

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import unproject
 from oaisys_core.raycast.surface import Surface, View
-from oaisys_core.render.blender.camera import pixel_angle_rad, rendered_pinhole
+from oaisys_core.render.blender.camera import pinhole_to_render, pixel_angle_rad
 from oaisys_core.render.blender.postprocessing import COMBINED, SEEN_ALBEDO, RenderResult, pass_of
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.render.shading.shading import mean_color
@@ -63,7 +63,7 @@ class GroundCheck:
 
     def places(self, surface: Surface, camera: PlacedCamera) -> GroundPlaces:
         """Cast a few hundred rays, and return where they meet ground that reflects light."""
-        pinhole = rendered_pinhole(camera.intrinsics)
+        pinhole = pinhole_to_render(camera.intrinsics)
         size = np.array([pinhole.height_px, pinhole.width_px])
         rows, columns = (np.arange(ROWS) + 0.5) / ROWS, (np.arange(COLUMNS) + 0.5) / COLUMNS
         at = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -126,7 +126,7 @@ def pass_of(rendered: RenderResult, name: str) -> Image:
     return rendered.passes[name]
 
 
-def denoised(
+def denoise_image(
     rendered: RenderResult,
     settings: RenderSettings,
     denoiser: Denoiser | None,

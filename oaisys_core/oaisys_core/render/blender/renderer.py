@@ -13,7 +13,7 @@ import bpy
 from oaisys_core.errors import NotReadyError
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
-from oaisys_core.render.blender.adaptive_samples import adapted
+from oaisys_core.render.blender.adaptive_samples import adapt
 from oaisys_core.render.blender.camera import pixel_angle_rad
 from oaisys_core.render.blender.color import ColorImages, ColorRenderer
 from oaisys_core.render.blender.cycles import Cycles
@@ -139,8 +139,8 @@ class BlenderBackend(Backend):
         """See `Backend.scan`."""
         return self._lidars.scan(self._built(), lidar, capture)
 
-    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
-        """See `Backend.revisited`."""
+    def note_revisit(self, cameras: Sequence[PlacedCamera]) -> None:
+        """See `Backend.note_revisit`."""
         self._memory.remember(cameras, self._built().scene)
 
     def withdrawn(self) -> None:
@@ -227,7 +227,7 @@ class BlenderBackend(Backend):
             return []
         surface = self._built()
         # For albedo alone, too, so that it does not depend on what is rendered beside it.
-        chosen = adapted(surface, camera, settings)
+        chosen = adapt(surface, camera, settings)
         is_clear = _is_sharp(camera) and surface.scene.sky.haze is None
         if is_clear and settings.time_budget_s is None:
             return [(camera, wanted, chosen)]

@@ -13,7 +13,7 @@ import PyOpenColorIO
 from numpy.typing import NDArray
 
 from oaisys_core.render.geometry_pass import CORES
-from oaisys_core.sensing.exposure import metered_ev
+from oaisys_core.sensing.exposure import meter_ev
 from oaisys_core.sensing.render_settings import RenderSettings, ViewTransform
 
 BASE_EXPOSURE_EV = 0.6
@@ -56,7 +56,7 @@ def picture_of(
     if exposure_ev is None:
         white = WHITE[settings.view_transform]
         meter = settings.auto_exposure
-        exposure_ev = metered_ev(radiance, is_surface, meter, white, BASE_EXPOSURE_EV)
+        exposure_ev = meter_ev(radiance, is_surface, meter, white, BASE_EXPOSURE_EV)
     pixels = to_pixels(radiance, settings.view_transform, BASE_EXPOSURE_EV + exposure_ev)
     return ExposedImage(pixels, exposure_ev)
 

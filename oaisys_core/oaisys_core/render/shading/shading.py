@@ -66,7 +66,7 @@ class Palette:
         return self._means[id(thing)][1]
 
 
-def shaded(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> FloatArray:
+def shade(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> FloatArray:
     """Return the (H, W, 3) radiance of a view; 1 is white at 0 EV.
 
     It is albedo / π times the irradiance of sun, sky and lamps. The sky is a uniform hemisphere, of

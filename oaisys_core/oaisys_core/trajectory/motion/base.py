@@ -69,7 +69,7 @@ class Motion(ABC):
             InvalidInputError: There is no such step, or no such target.
         """
 
-    def accepted_pose(self, step: MotionStep, admitted: Callable[[Pose], Pose]) -> Pose:
+    def first_admitted_pose(self, step: MotionStep, admitted: Callable[[Pose], Pose]) -> Pose:
         """Return the first pose of a step that is admitted; up to `MAX_DRAWS` are drawn.
 
         Args:
@@ -94,7 +94,7 @@ class Motion(ABC):
         raise InvalidInputError("sensors.motion", f"step {step.index + 1}", expected)
 
 
-def drawn_from(bounds: tuple[float, float], rng: np.random.Generator) -> float:
+def draw_from(bounds: tuple[float, float], rng: np.random.Generator) -> float:
     """Return a number drawn uniformly from a range."""
     return float(rng.uniform(*bounds))
 
@@ -105,7 +105,7 @@ def at_height(
     """Return a (3,) position at the height that ``config`` asks for; None if there is no ground."""
     if config.height_above_ground_m is None:
         return position_m
-    above_m = drawn_from(config.height_above_ground_m, rng)
+    above_m = draw_from(config.height_above_ground_m, rng)
     above_m += config.height_noise_m * float(rng.standard_normal())
     return on_ground(position_m, above_m, step.ground)
 
@@ -121,14 +121,14 @@ def attitude(config: AnglesConfig, rng: np.random.Generator) -> Rotation:
     from scipy.spatial.transform import Rotation
 
     angles_deg = [
-        drawn_from(ranges, rng) for ranges in (config.roll_deg, config.pitch_deg, config.yaw_deg)
+        draw_from(ranges, rng) for ranges in (config.roll_deg, config.pitch_deg, config.yaw_deg)
     ]
     rest_deg = 90.0 if config.look == "down" else 0.0
     turned = Rotation.from_euler("xyz", angles_deg, degrees=True)
     return turned * Rotation.from_euler("y", rest_deg, degrees=True)
 
 
-def posed(position_m: FloatArray, rotation: Rotation) -> Pose:
+def pose_of(position_m: FloatArray, rotation: Rotation) -> Pose:
     """Return the pose with a (3,) position and a rotation."""
     return geometry.pose_from_matrix(geometry.transform(rotation.as_matrix(), position_m))
 

@@ -20,7 +20,7 @@ from oaisys_core.trajectory.motion.base import (
     index_in,
     looking_at,
     on_ground,
-    posed,
+    pose_of,
 )
 from oaisys_core.types import FloatArray, Pose, SensorInfo
 
@@ -48,7 +48,7 @@ class Csv(Motion):
         moved_m = np.array(chosen.position_m) + self._config.offset_m
         position_m = at_height(moved_m, self._config, step, step.rng)
         rotation = Rotation.from_quat(chosen.quat_xyzw)
-        return None if position_m is None else posed(position_m, rotation)
+        return None if position_m is None else pose_of(position_m, rotation)
 
 
 class Grid(Motion):
@@ -115,7 +115,7 @@ class Spline(Motion):
         if position_m is None:
             return None
         if self._rotations is not None:
-            return posed(position_m, self._rotations(at))
+            return pose_of(position_m, self._rotations(at))
         return self._facing(position_m, self._curve(at, 1))
 
     def _facing(self, position_m: FloatArray, tangent: FloatArray) -> Pose:

@@ -18,10 +18,10 @@ from oaisys_core.trajectory.motion.base import (
     MotionStep,
     at_height,
     attitude,
-    drawn_from,
+    draw_from,
     looking_at,
     on_ground,
-    posed,
+    pose_of,
 )
 from oaisys_core.types import FloatArray, Pose
 
@@ -40,10 +40,10 @@ class Random(Motion):
 
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
-        box = np.array([drawn_from(ranges, step.rng) for ranges in self._config.position_m])
+        box = np.array([draw_from(ranges, step.rng) for ranges in self._config.position_m])
         rotation = attitude(self._config, step.rng)
         position_m = at_height(box, self._config, step, step.rng)
-        return None if position_m is None else posed(position_m, rotation)
+        return None if position_m is None else pose_of(position_m, rotation)
 
 
 class Hover(Motion):
@@ -61,10 +61,10 @@ class Hover(Motion):
         x0, y0, x1, y1 = step.ground.extent_m
         x_m = self._config.x_m or _middle(x0, x1)
         y_m = self._config.y_m or _middle(y0, y1)
-        place_m = np.array((drawn_from(x_m, step.rng), drawn_from(y_m, step.rng), 0.0))
+        place_m = np.array((draw_from(x_m, step.rng), draw_from(y_m, step.rng), 0.0))
         rotation = attitude(self._config, step.rng)
         position_m = at_height(place_m, self._config, step, step.rng)
-        return None if position_m is None else posed(position_m, rotation)
+        return None if position_m is None else pose_of(position_m, rotation)
 
 
 class AroundTarget(Motion):
@@ -80,9 +80,9 @@ class AroundTarget(Motion):
         config = self._config
         target_m = self._target_m(step)
         rng = step.rng if config.redraw == "sample" else step.batch_rng
-        distance_m = drawn_from(config.distance_m, rng)
-        elevation = radians(drawn_from(config.elevation_deg, rng))
-        azimuth = radians(drawn_from(config.azimuth_deg, rng))
+        distance_m = draw_from(config.distance_m, rng)
+        elevation = radians(draw_from(config.elevation_deg, rng))
+        azimuth = radians(draw_from(config.azimuth_deg, rng))
         if target_m is None:
             return None
         level = cos(elevation)
@@ -120,7 +120,7 @@ class LookAt(Motion):
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
         config = self._config
-        box = np.array([drawn_from(ranges, step.rng) for ranges in config.position_m])
+        box = np.array([draw_from(ranges, step.rng) for ranges in config.position_m])
         target_m = self._target_m(box, step)
         position_m = at_height(box, config, step, step.rng)
         if position_m is None or target_m is None:
@@ -129,7 +129,7 @@ class LookAt(Motion):
 
     def _target_m(self, rig_m: FloatArray, step: MotionStep) -> FloatArray | None:
         config = self._config
-        target_m = np.array([drawn_from(ranges, step.rng) for ranges in config.target_m])
+        target_m = np.array([draw_from(ranges, step.rng) for ranges in config.target_m])
         if config.target_instance is not None:
             return step.locate(config.target_instance)
         if config.target_is_offset:
@@ -143,7 +143,7 @@ def _looking(
     position_m: FloatArray, target_m: FloatArray, config: TargetConfig, step: MotionStep
 ) -> Pose:
     noise_m = config.target_noise_m * step.rng.standard_normal(3)
-    return looking_at(position_m, target_m + noise_m, drawn_from(config.roll_deg, step.rng))
+    return looking_at(position_m, target_m + noise_m, draw_from(config.roll_deg, step.rng))
 
 
 def _middle(low_m: float, high_m: float) -> tuple[float, float]:

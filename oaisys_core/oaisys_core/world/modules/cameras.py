@@ -15,15 +15,15 @@ from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import FrameName, Pose, SensorInfo
-from oaisys_core.world.module import overridden
-from oaisys_core.world.modules.lidars import ConstantVelocity, mounted
+from oaisys_core.world.module import override
+from oaisys_core.world.modules.lidars import ConstantVelocity, sensor_poses
 
 Cameras = tuple[CameraConfig, ...]
 
 PlacedSensor = PlacedCamera | PlacedLidar
 
 
-def changed_cameras(cameras: Cameras, changes: Any, path: str) -> Cameras:
+def change_cameras(cameras: Cameras, changes: Any, path: str) -> Cameras:
     """Return the cameras with changed fields of `OpticsConfig`.
 
     Args:
@@ -43,13 +43,13 @@ def changed_cameras(cameras: Cameras, changes: Any, path: str) -> Cameras:
         _check_keys(f"{path}.{name}", values)
         _check_reach(cameras[names.index(name)], f"{path}.{name}", values)
     return tuple(
-        overridden(camera, changes.get(camera.name), f"{path}.{camera.name}") for camera in cameras
+        override(camera, changes.get(camera.name), f"{path}.{camera.name}") for camera in cameras
     )
 
 
 def sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
     """Return a camera as clients see it; ``baseline_m`` is 0 except for right stereo cameras."""
-    mount = geometry.checked_pose(
+    mount = geometry.check_pose(
         camera.mount_position_m, camera.mount_quat_xyzw, f"sensors.cameras.{camera.name}.mount"
     )
     T_base_camera = geometry.pose_to_matrix(mount) @ geometry.T_LINK_OPTICAL
@@ -57,7 +57,7 @@ def sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
     return SensorInfo(camera.name, camera.intrinsics, T_base_camera, modalities, baseline_m)
 
 
-def placed_cameras(
+def place_cameras(
     cameras: Cameras,
     sensors: Sequence[SensorInfo],
     rig_pose: Pose,
@@ -131,7 +131,7 @@ def following_cameras(
     """
     mounts = {sensor.name: sensor.T_base_camera for sensor in sensors}
     return tuple(
-        replace(camera, pose_at=partial(mounted, T_map_base, mounts[camera.name]))
+        replace(camera, pose_at=partial(sensor_poses, T_map_base, mounts[camera.name]))
         if camera.readout_s or camera.exposure_s
         else camera
         for camera in placed

@@ -25,7 +25,7 @@ from oaisys_core.procedural.environment.hdri import SkyImages, images_of
 from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
 from oaisys_core.procedural.environment.sun import azimuth_in_map, sun_position
 from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
-from oaisys_core.world.module import Metadata, SectionModule, World, overridden
+from oaisys_core.world.module import Metadata, SectionModule, World, override
 from oaisys_core.world.modules.lamps import check_changes, lamps_that_are_on
 
 MIN_CONTRAST = 0.02
@@ -100,12 +100,12 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys, invalid values, and files, effects or lamps that do not exist."""
         check_changes(self._config.lamps, metadata)
-        _check_names(overridden(self._config, metadata, self.metadata_part))
+        _check_names(override(self._config, metadata, self.metadata_part))
 
     def check_sample(self, metadata: Metadata) -> None:
         """Raise as `check` does, with the metadata applied to the current values."""
         check_changes(self._now.lamps, metadata)
-        _check_names(overridden(self._now, metadata, self.metadata_part))
+        _check_names(override(self._now, metadata, self.metadata_part))
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Start a batch with the configuration, changed by the metadata."""
@@ -126,7 +126,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             for name, lamp in section.lamps.items()
         }
         world.lamps = lamps_that_are_on(section.lamps, strengths_w, world.ground)
-        for thing in section.labelled:
+        for thing in section.items_with_labels:
             world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
 
     def _sky(self, config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> Sky:

@@ -16,7 +16,7 @@ from oaisys_core.config.sections.materials import (
     MaterialsConfig,
     PoolConfig,
 )
-from oaisys_core.errors import InvalidInputError, one_of, quoted
+from oaisys_core.errors import InvalidInputError, one_of, quote
 from oaisys_core.procedural.textures import (
     TEXTURES,
     default_cache_dir,
@@ -24,7 +24,7 @@ from oaisys_core.procedural.textures import (
     texture_exposure,
     texture_set,
 )
-from oaisys_core.procedural.textures.adjusting import ColorChange, recolored, with_relief
+from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.folder import (
     COLOR_MAP_EXPECTED,
     has_color_map,
@@ -82,7 +82,7 @@ class LayerLibrary:
         """
         tile_m = _drawn(config.tile_m, rng)
         color = config.color
-        change = ColorChange(
+        color_change = ColorChange(
             hue_deg=float(rng.uniform(*color.hue_deg)),
             saturation=float(rng.uniform(*color.saturation)),
             value=float(rng.uniform(*color.value)),
@@ -91,17 +91,17 @@ class LayerLibrary:
         relief_m = _drawn(config.displacement_m, rng)
         strength = config.normal_strength
 
-        def changed() -> PbrMaps:
+        def change() -> PbrMaps:
             maps = self.load(config, materials)
             sized = maps if tile_m is None else replace(maps, tile_m=tile_m)
-            return with_relief(recolored(sized, change), relief_m, strength)
+            return with_relief(recolor(sized, color_change), relief_m, strength)
 
         source = config.folder or (
             config.texture,
             materials.texture_size_px,
             materials.texture_seed,
         )
-        maps = self._kept(repr((source, tile_m, change, relief_m, strength)), changed)
+        maps = self._kept(repr((source, tile_m, color_change, relief_m, strength)), change)
         layer = TerrainLayer(
             config.label, config.semantic_ids, maps, _tiling(config, rng), _label_image(config)
         )
@@ -147,11 +147,11 @@ def layer_faults(materials: MaterialsConfig, path: str) -> Iterator[InvalidInput
                 yield InvalidInputError(
                     f"{path}.{place}.semantic_id",
                     semantic_id,
-                    f"an id that does not have the name {quoted(known)} already",
+                    f"an id that does not have the name {quote(known)} already",
                 )
 
 
-def chosen_layers(materials: MaterialsConfig, rng: np.random.Generator) -> list[LayerConfig]:
+def choose_layers(materials: MaterialsConfig, rng: np.random.Generator) -> list[LayerConfig]:
     """Return the layers of a batch: the fixed ones, and those drawn from each pool."""
     chosen = list(materials.layers)
     for index, pool in enumerate(materials.pools):

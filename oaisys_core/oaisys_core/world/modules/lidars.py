@@ -21,14 +21,14 @@ Lidars = tuple[LidarConfig, ...]
 
 def lidar_info(lidar: LidarConfig) -> LidarInfo:
     """Return a lidar as clients see it."""
-    mount = geometry.checked_pose(
+    mount = geometry.check_pose(
         lidar.mount_position_m, lidar.mount_quat_xyzw, f"sensors.lidars.{lidar.name}.mount"
     )
     T_base_lidar = geometry.pose_to_matrix(mount)
     return LidarInfo(lidar.name, T_base_lidar, lidar.period_s, lidar.extra_fields)
 
 
-def placed_lidars(
+def place_lidars(
     lidars: Lidars, infos: Sequence[LidarInfo], rig_pose: Pose, number: int, has_errors: bool
 ) -> tuple[PlacedLidar, ...]:
     """Return the lidars in ``map``, standing still.
@@ -111,11 +111,14 @@ def following(
     """
     mounts = {info.name: info.T_base_lidar for info in infos}
     return tuple(
-        replace(lidar, pose_at=partial(mounted, T_map_base, mounts[lidar.name])) for lidar in placed
+        replace(lidar, pose_at=partial(sensor_poses, T_map_base, mounts[lidar.name]))
+        for lidar in placed
     )
 
 
-def mounted(T_map_base: PoseAtTime, T_base_sensor: FloatArray, times_s: FloatArray) -> FloatArray:
+def sensor_poses(
+    T_map_base: PoseAtTime, T_base_sensor: FloatArray, times_s: FloatArray
+) -> FloatArray:
     """Return the (T, 4, 4) poses of a sensor on a rig at (T,) times."""
     return np.asarray(T_map_base(times_s) @ T_base_sensor)
 

@@ -13,14 +13,14 @@ from pydantic import Field
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import ConditionConfig, LayerConfig, MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.procedural.terrain.displacement import displaced
+from oaisys_core.procedural.terrain.displacement import displace
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.procedural.terrain.masks.patches import (
     LayerNoise,
     blend_masks,
     border_softness,
     gate,
-    layered_masks,
+    layer_masks,
 )
 from oaisys_core.procedural.terrain.masks.relief import Relief, exposure, has_steep_parts, relief_of
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
@@ -32,12 +32,12 @@ from oaisys_core.procedural.terrain.surroundings.land_relief import (
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
-from oaisys_core.world.module import Metadata, Module, World, overridden, require
+from oaisys_core.world.module import Metadata, Module, World, override, require
 from oaisys_core.world.modules.layers import (
     DrawnLayer,
     LayerLibrary,
     check_layers,
-    chosen_layers,
+    choose_layers,
     exposure_of,
     labels_of,
     layer_faults,
@@ -93,7 +93,7 @@ class MaterialsModule(Module):
 
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys, invalid values and layers that do not exist."""
-        config = overridden(self._config, metadata, self.metadata_part)
+        config = override(self._config, metadata, self.metadata_part)
         check_layers(config, f"metadata.{self.metadata_part}")
 
     def check_sample(self, metadata: Metadata) -> None:
@@ -109,13 +109,13 @@ class MaterialsModule(Module):
         Raises:
             InvalidInputError: A map cannot be used, or the ground cannot be displaced.
         """
-        config = overridden(self._config, metadata, self.metadata_part)
+        config = override(self._config, metadata, self.metadata_part)
         if config.seed is not None:
             rng = randomness.stream(config.seed, self.name)
         ground = require(world.ground)
         layers = [
             self._library.draw(layer, config, randomness.child(rng, f"layer/{index}"))
-            for index, layer in enumerate(chosen_layers(config, rng))
+            for index, layer in enumerate(choose_layers(config, rng))
         ]
         material = TerrainMaterial(
             layers=tuple(layer.layer for layer in layers),
@@ -170,7 +170,7 @@ def _masks(
     noise = mask.noise
     ranges = (noise.scale, noise.detail, noise.roughness, noise.distortion)
     noises = [LayerNoise(*(float(each.uniform(*bounds)) for bounds in ranges)) for each in rngs]
-    return layered_masks(
+    return layer_masks(
         noises, size_m, mask.size_px, rngs, noise.borders, shares=shares, gates=gates
     )
 
@@ -307,7 +307,7 @@ def _displace(world: World, material: TerrainMaterial, layers: Sequence[DrawnLay
         raise InvalidInputError(
             "materials.displacement", "geometry", "bump, because this ground is not a height field"
         )
-    moved = displaced(ground, material, [layer.relief_m for layer in layers])
+    moved = displace(ground, material, [layer.relief_m for layer in layers])
     world.ground = moved
     digest = hashlib.sha256(world.stage_hash.encode())
     digest.update(np.ascontiguousarray(moved.elevation_m).tobytes())

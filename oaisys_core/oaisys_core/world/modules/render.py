@@ -12,7 +12,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.sensing.effects import NO_EFFECTS, Bloom, Effects, SensorNoise
 from oaisys_core.sensing.exposure import AutoExposure
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.world.module import Metadata, SectionModule, World, overridden, require
+from oaisys_core.world.module import Metadata, SectionModule, World, override, require
 
 LIGHT_SEED = 0
 """Seed of the sampling pattern, the same for all views: a pose rendered again looks the same."""
@@ -75,7 +75,7 @@ class RenderModule(SectionModule[RenderConfig]):
         self._checked(self._now, metadata)
 
     def _checked(self, before: RenderConfig, metadata: Metadata) -> None:
-        changed = overridden(before, metadata, self.metadata_part)
+        changed = override(before, metadata, self.metadata_part)
         if changed is not before:
             changed.check_passes(self._offered, f"metadata.{self.metadata_part}")
 

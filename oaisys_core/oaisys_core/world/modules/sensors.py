@@ -15,26 +15,26 @@ from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion
 from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
-from oaisys_core.raycast.clearance import HeightLookup, admitted_pose
+from oaisys_core.raycast.clearance import HeightLookup, admit_pose
 from oaisys_core.scene import PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.faults import PoseDrift
 from oaisys_core.trajectory.imu import imu_info
 from oaisys_core.trajectory.motion import Motion, make_motion
 from oaisys_core.types import FrameName, Odometry, Pose, SensorInfo
-from oaisys_core.world.module import Metadata, Module, World, differing, overridden, require
+from oaisys_core.world.module import Metadata, Module, World, differing, override, require
 from oaisys_core.world.modules.cameras import (
     Cameras,
     PlacedSensor,
-    changed_cameras,
+    change_cameras,
     due_sensors,
     following_cameras,
-    placed_cameras,
+    place_cameras,
     select,
     sensor_info,
     sensors_of,
     with_previous_poses,
 )
-from oaisys_core.world.modules.lidars import following, lidar_info, placed_lidars, with_motion
+from oaisys_core.world.modules.lidars import following, lidar_info, place_lidars, with_motion
 from oaisys_core.world.modules.motion_steps import motion_step
 
 START_HEIGHT_M = 10.0
@@ -140,7 +140,7 @@ class SensorsModule(Module):
             self._use_faults(self._changed_faults(self._faults, given))
         pose = given.get("pose")
         if pose is not None:
-            self.rig_pose = geometry.checked_pose(pose.position_m, pose.quat_xyzw)
+            self.rig_pose = geometry.check_pose(pose.position_m, pose.quat_xyzw)
         elif self.rig_pose is None and world.ground is not None:
             x0, y0, x1, y1 = world.ground.extent_m
             x, y = (x0 + x1) / 2, (y0 + y1) / 2
@@ -160,12 +160,12 @@ class SensorsModule(Module):
         motion, policy = require(self._motion), self._config.pose_policy
         accepts = "lift" if motion.is_lifted and policy == "reject" else policy
         step = motion_step(motion, world, batch_seed)
-        self.rig_pose = motion.accepted_pose(
-            step, lambda pose: self.admitted(pose, world, heights, accepts)
+        self.rig_pose = motion.first_admitted_pose(
+            step, lambda pose: self.admit(pose, world, heights, accepts)
         )
         self._place(world)
 
-    def admitted(
+    def admit(
         self, pose: Pose, world: World, heights: HeightLookup, policy: str | None = None
     ) -> Pose:
         """Return a pose after a policy, by default the configured one, was applied to it.
@@ -173,7 +173,7 @@ class SensorsModule(Module):
         Raises:
             InvalidInputError: The policy refuses the pose.
         """
-        return admitted_pose(
+        return admit_pose(
             pose,
             self.sensors,
             heights,
@@ -211,7 +211,7 @@ class SensorsModule(Module):
             following(due.lidars, self.lidars, T_map_base),
         )
 
-    def named(
+    def sensors_of_frames(
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
     ) -> DueSensors:
         """Return the sensors that render exactly these frames; see `sensors_of`."""
@@ -221,7 +221,7 @@ class SensorsModule(Module):
         """Return all sensors, where they are at the world's sample."""
         pose, number = require(self.rig_pose), max(world.sample_id - 1, 0)
         enabled = self._faults.enabled
-        lidars = placed_lidars(self._config.lidars, self.lidars, pose, number, enabled)
+        lidars = place_lidars(self._config.lidars, self.lidars, pose, number, enabled)
         return [*world.cameras, *lidars]
 
     def _with_past(
@@ -245,7 +245,7 @@ class SensorsModule(Module):
     def _place(self, world: World) -> None:
         if self.rig_pose is not None:
             world.T_map_base = geometry.pose_to_matrix(self.rig_pose)
-            world.cameras = placed_cameras(
+            world.cameras = place_cameras(
                 self._cameras, self.sensors, self.rig_pose, self._baselines_m
             )
 
@@ -257,7 +257,7 @@ class SensorsModule(Module):
             if key == "pose":
                 if not isinstance(value, Pose):
                     raise InvalidInputError(path, value, "a Pose")
-                geometry.checked_pose(value.position_m, value.quat_xyzw, path)
+                geometry.check_pose(value.position_m, value.quat_xyzw, path)
             if key == "pose_policy" and value not in get_args(PosePolicy):
                 raise InvalidInputError(path, value, one_of(get_args(PosePolicy), value))
 
@@ -273,7 +273,7 @@ class SensorsModule(Module):
 
     def _changed_cameras(self, cameras: Cameras, metadata: Metadata) -> Cameras:
         changes = (metadata or {}).get("cameras", {})
-        return changed_cameras(cameras, changes, f"{self.metadata_part}.cameras")
+        return change_cameras(cameras, changes, f"{self.metadata_part}.cameras")
 
     def _changed_faults(self, faults: FaultsConfig, metadata: Metadata) -> FaultsConfig:
         changes = (metadata or {}).get("faults", {})
@@ -281,7 +281,7 @@ class SensorsModule(Module):
         if not isinstance(changes, Mapping):
             expected = f"a mapping of {', '.join(sorted(FaultsConfig.model_fields))}"
             raise InvalidInputError(f"metadata.{path}", changes, expected)
-        return overridden(faults, changes, path)
+        return override(faults, changes, path)
 
     def _use_cameras(self, cameras: Cameras) -> None:
         """Set the cameras; `sensors` stays the same object if nothing changed."""

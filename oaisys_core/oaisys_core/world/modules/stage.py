@@ -18,8 +18,8 @@ from oaisys_core.procedural.terrain.presets import check_preset, make_ground
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.procedural.terrain.water import Water, WaterLook, level_from_share, water_on
 from oaisys_core.scene import Ground
-from oaisys_core.types import merged
-from oaisys_core.world.module import Metadata, Module, World, overridden
+from oaisys_core.types import merge
+from oaisys_core.world.module import Metadata, Module, World, override
 from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 
 
@@ -54,7 +54,7 @@ class StageModule(Module):
 
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys, invalid values and presets that do not exist."""
-        config = overridden(self._config, metadata, self.metadata_part)
+        config = override(self._config, metadata, self.metadata_part)
         check_preset(config.preset)
         store = self._config.store
         if config.store != store:
@@ -75,7 +75,7 @@ class StageModule(Module):
         Raises:
             InvalidInputError: A file cannot be used.
         """
-        config = overridden(self._config, metadata, self.metadata_part)
+        config = override(self._config, metadata, self.metadata_part)
         world.stage_notes = {}
         if config.reuse is not None:
             world.ground = self.record(config.reuse).ground
@@ -100,11 +100,11 @@ class StageModule(Module):
         reuse = self.reuse(metadata)
         if reuse is None or reuse.name is None:
             return metadata
-        return merged(metadata, {"reuse": {"name": self._hash}})
+        return merge(metadata, {"reuse": {"name": self._hash}})
 
     def reuse(self, metadata: Metadata) -> ReuseConfig | None:
         """Return which stage a batch with this metadata reuses, if any."""
-        return overridden(self._config, metadata, self.metadata_part).reuse
+        return override(self._config, metadata, self.metadata_part).reuse
 
     def record(self, reuse: ReuseConfig) -> StageRecord:
         """Return a stored stage.
@@ -126,7 +126,7 @@ class StageModule(Module):
         Raises:
             InvalidInputError: The store is not writable.
         """
-        config = overridden(self._config, metadata, self.metadata_part)
+        config = override(self._config, metadata, self.metadata_part)
         path = _path(config.store, record.stage_hash)
         if path is not None and not path.is_file():
             save_stage(path, record)

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError, OaisysError, quoted
+from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError, OaisysError, quote
 from oaisys_core.types import ODOMETRY, Progress
 from oaisys_grpc.contract.drive_messages import counts_to_proto
 from oaisys_grpc.contract.faults import UnknownTrajectoryError
@@ -56,7 +56,7 @@ class TrajectoryStore:
             newest = next(reversed(self._kept))
             found = self._kept.get(name or newest)
         if found is None:
-            message = f"there is no trajectory {quoted(name)}; at most {MAX_TRAJECTORIES} are kept"
+            message = f"there is no trajectory {quote(name)}; at most {MAX_TRAJECTORIES} are kept"
             raise NotFoundError(message)
         return found
 

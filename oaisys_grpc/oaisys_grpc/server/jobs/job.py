@@ -81,10 +81,10 @@ class Operation:
     def update(self, **changes: Any) -> bool:
         """Change the status unless the operation has ended; return whether it was changed."""
         with self._changed:
-            if self.status.state.ended:
+            if self.status.state.is_final:
                 return False
             self.status = replace(self.status, **changes)
-            if self.status.state.ended:  # it is remembered, but its request is not
+            if self.status.state.is_final:  # it is remembered, but its request is not
                 self.job = replace(self.job, request=b"")
             self._changed.notify_all()
             return True
@@ -99,7 +99,7 @@ class Operation:
     def add(self, piece: SampleMessages) -> None:
         """Add the next piece of the sample."""
         with self._changed:
-            if not self.status.state.ended:
+            if not self.status.state.is_final:
                 self._sample = self._sample or SampleMessages()
                 self._sample.add(piece)
                 self._changed.notify_all()
@@ -130,11 +130,11 @@ class Operation:
             keep: Called with the whole sample before any caller learns of the end.
         """
         with self._changed:
-            if self.status.state.ended:
+            if self.status.state.is_final:
                 return False
             self.add(rest)
             assert self._sample is not None
-            self._sample = self._sample.completed()
+            self._sample = self._sample.complete()
             keep(self._sample)
             ids = {"batch_id": self._sample.batch_id, "sample_id": self._sample.sample_id}
             self.update(state=State.SUCCEEDED, progress=Progress("done", 1.0), **ids)
@@ -160,17 +160,17 @@ class Operation:
                     _LOOK_S,
                 )
                 self._changed.wait_for(
-                    lambda: self.status.state.ended or self._has_more(count),  # noqa: B023
+                    lambda: self.status.state.is_final or self._has_more(count),  # noqa: B023
                     patience_s,
                 )
                 status, piece = self.status, self._piece(count, with_header=not has_header)
-            if status is not yielded and not status.state.ended:
+            if status is not yielded and not status.state.is_final:
                 yield status
             yielded = status
             if piece is not None:
                 yield piece
                 count, has_header = count + len(piece.frames), True
-            if status.state.ended:
+            if status.state.is_final:
                 yield status
                 return
 
@@ -181,7 +181,7 @@ class Operation:
                 yield event
 
     @contextlib.contextmanager
-    def followed(self) -> Iterator[None]:
+    def follow(self) -> Iterator[None]:
         """Keep the sample for this caller; cancel the operation when its last caller leaves."""
         with self._changed:
             self._followers += 1
@@ -212,7 +212,7 @@ class Operation:
     def _end(self, state: State, error: OaisysError) -> bool:
         """End it with an error, cut to what a client is told of it, unless it has ended."""
         with self._changed:
-            if self.status.state.ended:
+            if self.status.state.is_final:
                 return False
             self._sample = None
             return self.update(state=state, error=error_from_fault(fault_from_error(error)))

@@ -20,7 +20,7 @@ from oaisys_core.errors import (
     NotFoundError,
     OaisysError,
     QueueFullError,
-    quoted,
+    quote,
 )
 from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
@@ -125,7 +125,7 @@ class OperationQueue:
                     return before
             if self._closed or self._ending.is_set():
                 raise ServerUnavailableError("the simulator is being ended")
-            self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
+            self._waiting = deque(o for o in self._waiting if not o.status.state.is_final)
             is_batch = job.kind is Kind.BATCH
             ahead = [o for o in self._waiting if not (is_batch and o.job.kind is Kind.SAMPLE)]
             displaced = self._make_room(ahead, job)
@@ -149,7 +149,7 @@ class OperationQueue:
             operation = self._known.get(name)
         if operation is None:
             raise NotFoundError(
-                f"there is no operation {quoted(name)}; ended ones are forgotten in time"
+                f"there is no operation {quote(name)}; ended ones are forgotten in time"
             )
         return operation
 
@@ -159,16 +159,16 @@ class OperationQueue:
         operation.stop(CancelledError("cancelled by CancelOperation"))
         return operation
 
-    def timed(self, operation: Operation, status: OperationStatus) -> OperationStatus:
+    def with_times(self, operation: Operation, status: OperationStatus) -> OperationStatus:
         """Return a status with the seconds that are left until the operation ends, if known."""
-        left_s = None if status.state.ended else self._left_s(operation)
+        left_s = None if status.state.is_final else self._left_s(operation)
         return replace(status, progress=replace(status.progress, seconds_left=left_s))
 
     def _left_s(self, operation: Operation) -> float | None:
         """Return how long an operation and all before it in the queue will take; None: unknown."""
         with self._lock:
             running, since_s = self._running, time.monotonic() - self._begun_s
-            waiting = [o for o in self._waiting if not o.status.state.ended]
+            waiting = [o for o in self._waiting if not o.status.state.is_final]
         ahead = waiting[: waiting.index(operation) + 1] if operation in waiting else []
         if not ahead and operation is not running:
             return None
@@ -266,7 +266,7 @@ class OperationQueue:
             others = [o for o in others if o.job.body != job.body]
             self._by_request[job.request_id] = [*others, operation]
         for old in list(self._known.values())[:-HISTORY_LIMIT]:
-            if old.status.state.ended:
+            if old.status.state.is_final:
                 del self._known[old.status.name]
                 self._forget_request(old)
         return operation
@@ -331,4 +331,4 @@ def _is_repeated(before: Operation, job: Job) -> bool:
             "request_id", job.request_id, "a new id, or the request that came with it before"
         )
     state = before.status.state
-    return not state.ended or state is State.SUCCEEDED
+    return not state.is_final or state is State.SUCCEEDED

@@ -17,7 +17,7 @@ from google.protobuf.message import DecodeError
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_grpc.contract.errors import abort
-from oaisys_grpc.server.limits.open_calls import OpenCall, OpenCalls, Phase, counted
+from oaisys_grpc.server.limits.open_calls import OpenCall, OpenCalls, Phase, count_answers
 from oaisys_grpc.server.limits.slots import ANSWERED_AT_LENGTH, StreamLimits
 
 MAX_FIELDS = 2**17
@@ -72,19 +72,19 @@ class GuardedCalls(grpc.ServerInterceptor):
         read = handler.request_deserializer
         make_argument = _each if handler.request_streaming else _only
 
-        def streamed(requests: Iterator[bytes], context: Context) -> Iterator[Any]:
+        def stream_call(requests: Iterator[bytes], context: Context) -> Iterator[Any]:
             call = self._calls.add(context, name)
             try:
                 argument = make_argument(requests, read, call)
                 with self._limits.slot(call):
                     answers = behavior(argument, context)
-                    yield from counted(answers, call, lambda: self._limits.unread_slot(call))
+                    yield from count_answers(answers, call, lambda: self._limits.unread_slot(call))
                 if name in ANSWERED_AT_LENGTH:
                     self._on_read(call.peer)
             except OaisysError as error:
                 abort(context, error)
 
-        def answered(requests: Iterator[bytes], context: Context) -> Any:
+        def answer_call(requests: Iterator[bytes], context: Context) -> Any:
             call = self._calls.add(context, name)
             try:
                 argument = make_argument(requests, read, call)
@@ -97,10 +97,10 @@ class GuardedCalls(grpc.ServerInterceptor):
 
         if handler.response_streaming:
             return grpc.stream_stream_rpc_method_handler(
-                streamed, response_serializer=handler.response_serializer
+                stream_call, response_serializer=handler.response_serializer
             )
         return grpc.stream_unary_rpc_method_handler(
-            answered, response_serializer=handler.response_serializer
+            answer_call, response_serializer=handler.response_serializer
         )
 
 
@@ -131,7 +131,7 @@ def _message(data: bytes, read: Callable[[bytes], Any]) -> Any:
     try:
         return read(data)
     except DecodeError:
-        raise malformed(data) from None
+        raise decoding_error(data) from None
 
 
 def check_bounds(data: bytes, descriptor: Any) -> None:
@@ -151,10 +151,10 @@ def check_bounds(data: bytes, descriptor: Any) -> None:
     try:
         _walk(data, descriptor)
     except IndexError:
-        raise malformed(data) from None
+        raise decoding_error(data) from None
 
 
-def malformed(data: bytes) -> InvalidInputError:
+def decoding_error(data: bytes) -> InvalidInputError:
     """Return the error of bytes that are no message."""
     return InvalidInputError("request", f"{len(data)} bytes", "a message of this call")
 
@@ -166,7 +166,7 @@ def _walk(data: bytes, descriptor: Any) -> None:
         end, messages = open_messages[-1]
         if at >= end:
             if at > end:
-                raise malformed(data)
+                raise decoding_error(data)
             open_messages.pop()
             continue
         count += 1
@@ -179,7 +179,7 @@ def _walk(data: bytes, descriptor: Any) -> None:
             continue
         length, at = _varint(data, at)
         if at + length > end:
-            raise malformed(data)
+            raise decoding_error(data)
         if len(open_messages) == MAX_DEPTH:
             raise _refusal(f"messages more than {MAX_DEPTH} deep", f"at most {MAX_DEPTH}")
         open_messages.append((at + length, _messages_in(inner)))
@@ -189,14 +189,14 @@ def _behind(data: bytes, at: int, key: int) -> int:
     """Return where a field ends that is no message of ours and whose key ends at ``at``."""
     kind = key & 7
     if not 8 <= key < _LONGEST_KEY:  # no field at all
-        raise malformed(data)
+        raise decoding_error(data)
     if kind == _LENGTH_DELIMITED:
         length, at = _varint(data, at)
         return at + length
     if kind == _VARINT:
         return _varint(data, at)[1]
     if kind not in _SKIPPED_BYTES:  # a group, which no call of ours has
-        raise malformed(data)
+        raise decoding_error(data)
     return at + _SKIPPED_BYTES[kind]
 
 
@@ -211,7 +211,7 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
         number |= (byte & 0x7F) << 7 * index
         if byte < 0x80:
             return number, at + index + 1
-    raise malformed(data)
+    raise decoding_error(data)
 
 
 @functools.cache

@@ -171,7 +171,7 @@ def when_over(context: Any, action: Callable[[], None]) -> None:
         action()
 
 
-def counted(
+def count_answers(
     calls: Iterator[Any], call: OpenCall, slot: Callable[[], AbstractContextManager[None]]
 ) -> Iterator[Any]:
     """Yield a call's answers, and note when it waits for its reader.

@@ -74,14 +74,14 @@ class Crashes:
         breaker = self._clients.get(cause.client)
         return None if breaker is None else breaker.refusal
 
-    def worked(self, cause: Cause, *, rendered: bool) -> None:
+    def note_success(self, cause: Cause, *, rendered: bool) -> None:
         """Note that a client's request succeeded; only a render shows that the worker is well."""
         self._requests.pop(cause.digest, None)
         if rendered:
             self._in_vain.clear()
         _keep(self._known, cause.client, None, _MAX_CLIENTS)
 
-    def crashed(self, cause: Cause, error: OaisysError) -> bool:
+    def note_crash(self, cause: Cause, error: OaisysError) -> bool:
         """Note that a worker was lost; return whether it is the worker that is at fault."""
         if isinstance(error, WorkerLostError) and not isinstance(error, KilledWorkerError):
             before = self._requests.get(cause.digest)
@@ -93,7 +93,7 @@ class Crashes:
         breaker = self._clients.get(cause.client) or Breaker(
             self._now_s, state="requests of this connection are refused", end="one is tried again"
         )
-        breaker.crashed(error)
+        breaker.note_crash(error)
         _keep(self._clients, cause.client, breaker, _MAX_CLIENTS)
         return self._is_everybodys(cause.client)
 

@@ -146,9 +146,9 @@ class Supervisor:
             raise limit.error()
         self._raise_fault(answer)
         if method in CHANGING_METHODS:
-            self._crashes.worked(cause, rendered=is_sample)
+            self._crashes.note_success(cause, rendered=is_sample)
         if is_sample:
-            self._breaker.worked()
+            self._breaker.note_success()
         yield answer
 
     def withdraw(self) -> None:
@@ -292,8 +292,8 @@ class Supervisor:
     def _lost(self, error: OaisysError, cause: Cause | None = None) -> None:
         self._drop(error)
         if cause is None:
-            self._breaker.crashed(error)
-        elif self._crashes.crashed(cause, error):
+            self._breaker.note_crash(error)
+        elif self._crashes.note_crash(cause, error):
             self._breaker.pause(error)
 
     def _digest(self, method: str, request: bytes) -> bytes:

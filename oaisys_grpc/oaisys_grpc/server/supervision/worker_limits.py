@@ -109,7 +109,7 @@ class CallLimit:
         self._worth_a_worker = worth_a_worker
 
     @property
-    def cancelled(self) -> bool:
+    def is_cancelled(self) -> bool:
         """Whether the call was cancelled."""
         return self._cancelled.is_set()
 
@@ -118,7 +118,7 @@ class CallLimit:
         """Whether the deadline has passed."""
         return time.monotonic() >= self._deadline_s
 
-    def left_s(self) -> float:
+    def remaining_s(self) -> float:
         """Return the seconds until a worker that hangs is killed."""
         return max(0.0, self._deadline_s + self._grace_s - time.monotonic())
 
@@ -249,11 +249,11 @@ class Breaker:
         self._cause: OaisysError | None = None
         self._next_s = 0.0
 
-    def crashed(self, error: OaisysError) -> None:
+    def note_crash(self, error: OaisysError) -> None:
         """Note that a worker was lost, or could not be started."""
         now_s = self._now_s()
         if self._cause is not None and now_s > self._next_s + CRASH_WINDOW_S:
-            self.worked()
+            self.note_success()
         self._crashes_s.append(now_s)
         is_loop = now_s - self._crashes_s[0] < CRASH_WINDOW_S
         if self._cause is not None or (is_loop and len(self._crashes_s) == CRASHES_ALLOWED):
@@ -265,7 +265,7 @@ class Breaker:
         _LOG.error("%s; %s in %g s: %s", self._state, self._end, self._pause_s, error)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
 
-    def worked(self) -> None:
+    def note_success(self) -> None:
         """Note that a worker has finished a call, or has run long enough."""
         if self._cause is not None:
             _LOG.warning("a worker works again")

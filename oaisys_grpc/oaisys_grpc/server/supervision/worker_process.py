@@ -139,7 +139,7 @@ class WorkerProcess:
         number = self._calls
         self._oom_kills = oom_kills()
         since_told: ProcessorTime | None = None
-        self._watchdog.arm(limit.left_s())
+        self._watchdog.arm(limit.remaining_s())
         try:
             head = {**request.head, "type": "call", "id": number, "method": method}
             self._connection.send(head, request.content)
@@ -267,7 +267,7 @@ def _telling(lines: list[str]) -> list[str]:
 
 
 def _killed(method: str, limit: CallLimit) -> CancelledError | DeadlineExceededError:
-    if limit.cancelled:
+    if limit.is_cancelled:
         return CancelledError(f"{method} was cancelled, and its worker replaced")
     return DeadlineExceededError(f"{method} hung beyond its deadline; worker killed")
 

@@ -72,7 +72,7 @@ def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:
     handlers = _handlers(assembler, depth, reader.topics)
     for message in reader.messages(handlers.keys()):
         message_type, handle = handlers[message.topic]
-        handle(message.deserialized(message_type))
+        handle(message.deserialize(message_type))
         while (frame := assembler.pop()) is not None:
             yield PosedDepth(frame.depth_m, frame.intrinsics, frame.T_map_camera)
 

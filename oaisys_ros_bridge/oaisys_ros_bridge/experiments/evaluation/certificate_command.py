@@ -126,5 +126,5 @@ def challenge(
 
     records = perturb_bag(folder, Reporter())
     print_table(faults_table([record.to_dict() for record in records]))
-    if any(record.rejected == (record.name == "none") for record in records):
+    if any(record.is_rejected == (record.name == "none") for record in records):
         raise typer.Exit(1)

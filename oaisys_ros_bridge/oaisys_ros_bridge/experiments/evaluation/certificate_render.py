@@ -20,7 +20,7 @@ from oaisys_mapping.certificate.verification import CheckResult, measure_again
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.truth_io import as_stored
 from oaisys_mapping.evaluation.visibility import PosedCamera
-from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
+from oaisys_mapping.rectification import rectify, rectify_camera, rectify_labels
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_ros_bridge.experiments.bringup import START_TIMEOUT_S
 from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE
@@ -102,19 +102,19 @@ def _map_views(
         sample = simulator.render_sample(pose, modalities=modalities, sensors=[sensor.name])
         frame = sample.frame(sensor.name, DEPTH)
         _check_same_camera(frame, view)
-        depth_m, _ = rectified(frame.data, None, frame.intrinsics)
+        depth_m, _ = rectify(frame.data, None, frame.intrinsics)
         labels = None
         if has_labels:
             found = sample.frame(sensor.name, SEMANTIC_0).data
-            labels = rectified_labels(found, frame.intrinsics)
-        camera = rectified_camera(frame.intrinsics)
+            labels = rectify_labels(found, frame.intrinsics)
+        camera = rectify_camera(frame.intrinsics)
         volume.integrate(depth_m, None, camera, frame.T_map_camera, labels)
         reporter.step(f"rendered in {sample.render_time_s:.2f} s")
     return volume
 
 
 def _check_same_camera(frame: Frame, view: PosedCamera) -> None:
-    camera = rectified_camera(frame.intrinsics)
+    camera = rectify_camera(frame.intrinsics)
     if not np.allclose(camera.K, view.intrinsics.K):
         raise InvalidInputError("FILE: views", view.intrinsics.K.tolist(), f"K {camera.K.tolist()}")
     if not np.allclose(frame.T_map_camera, view.T_map_camera, atol=1e-6):

@@ -140,7 +140,7 @@ def run_perturbations(
     """Return the verdicts on maps of the same frames, without and with each deliberate fault."""
     records = []
     for record in run_perturbation_tests(frames, surface, thresholds, config, seed):
-        verdict = "rejected" if record.rejected else "accepted"
+        verdict = "rejected" if record.is_rejected else "accepted"
         reporter.say(f"perturbation test, {record.name} ({record.what}): {verdict}")
         records.append(record)
     return records

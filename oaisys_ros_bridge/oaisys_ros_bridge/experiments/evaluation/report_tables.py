@@ -34,7 +34,7 @@ def _fault_table(faults: Sequence[PerturbationResult]) -> ReportTable:
             _percent(record.figures.get("completion_ratio")),
             _number(record.figures.get("f_score")),
             _count(record.figures.get("overlap_hole_count")),
-            "rejected" if record.rejected else "accepted",
+            "rejected" if record.is_rejected else "accepted",
         )
         for record in faults
     ]

@@ -12,7 +12,7 @@ from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.occupancy_map import Bounds, OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
-from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectify, rectify_camera
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
@@ -123,8 +123,8 @@ def _timed_plan(planner: Planner, situation: Situation, result: Exploration) -> 
 
 
 def _integrate(voxels: OccupancyMap, frame: DepthFrame, vehicle: Vehicle) -> None:
-    depth_m, _ = rectified(frame.depth_m, None, frame.intrinsics)
-    camera = rectified_camera(frame.intrinsics)
+    depth_m, _ = rectify(frame.depth_m, None, frame.intrinsics)
+    camera = rectify_camera(frame.intrinsics)
     voxels.integrate(depth_m, camera, frame.T_map_camera, vehicle.max_range_m)
 
 

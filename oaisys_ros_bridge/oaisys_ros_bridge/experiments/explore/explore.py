@@ -27,7 +27,7 @@ from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_r
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.exploration.planners import make_planner
-from oaisys_mapping.rectification import rectified_camera
+from oaisys_mapping.rectification import rectify_camera
 from oaisys_mapping.report.report import COVERAGE_GOAL
 from oaisys_ros_bridge.experiments.bringup import (
     MAP_TIMEOUT_S,
@@ -150,7 +150,7 @@ def _flight_area(options: ExploreOptions, stack: Stack, seed: int) -> FlightArea
     if extent_m is None:
         raise OaisysError("the simulator has no world")
     vehicle = Vehicle(
-        rectified_camera(sensor.intrinsics),
+        rectify_camera(sensor.intrinsics),
         sensor.T_base_camera,
         options.vehicle_radius_m,
         options.camera_range_m,

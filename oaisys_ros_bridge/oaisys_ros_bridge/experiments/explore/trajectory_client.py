@@ -97,11 +97,11 @@ class TrajectoryClient(PlannerClient):
         self._trajectories.publish(trajectory_to_msg(poses, Header(frame_id=MAP_FRAME)))
         found: list[int] = []
 
-        def arrived() -> bool:
+        def has_arrived() -> bool:
             found[:] = [s for s, info in self._infos.items() if _is_at(info, poses[-1])]
             return bool(found) and self._is_complete(found[0])
 
-        self.wait("the view at the end of a trajectory", arrived, timeout_s)
+        self.wait("the view at the end of a trajectory", has_arrived, timeout_s)
         with self.changed:
             stamp_ns = self._last_stamp_ns = found[0]
             images = self._pop_images(divmod(stamp_ns, 1_000_000_000))

@@ -10,7 +10,7 @@ from oaisys_core.types import DEPTH, Pose, SensorInfo, TriangleMesh
 from oaisys_mapping.certificate.perturbations import PosedDepth
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
-from oaisys_mapping.rectification import rectified_camera
+from oaisys_mapping.rectification import rectify_camera
 from oaisys_ros_bridge.experiments.evaluation.map_evaluation import evaluate_and_certify
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.experiments.progress import Reporter
@@ -82,7 +82,7 @@ def report_survey(
 
 def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[PosedCamera]:
     """Return the rectified cameras, as the mapper fuses them, from poses of the sensor's link."""
-    camera = rectified_camera(sensor.intrinsics)
+    camera = rectify_camera(sensor.intrinsics)
     return [PosedCamera(camera, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
 
 

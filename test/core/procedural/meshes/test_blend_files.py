@@ -11,7 +11,7 @@ import pytest
 from blender_process import in_blender
 
 from oaisys_core.errors import CancelledError, InvalidInputError
-from oaisys_core.files.path_fields import AssetRoots, confined
+from oaisys_core.files.path_fields import AssetRoots, confine_paths
 from oaisys_core.procedural.meshes import files
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.system.interruption import interruptible
@@ -76,7 +76,7 @@ def test_a_file_that_refers_to_others_elsewhere_is_refused_by_name(
 @pytest.mark.blender
 def test_files_beside_it_and_in_the_asset_roots_are_read(folder: Path) -> None:
     assert load_mesh(folder / "root" / "image_inside.blend").color_image_srgb is not None
-    with confined(AssetRoots((folder / "root", folder / "outside"))):
+    with confine_paths(AssetRoots((folder / "root", folder / "outside"))):
         mesh = load_mesh(folder / "root" / "image_outside.blend")
     assert mesh.color_image_srgb is not None
 
@@ -88,7 +88,7 @@ def test_a_file_that_takes_too_long_is_given_up_and_then_refused_at_once(
     monkeypatch.setattr(files, "BLEND_REQUEST_TIMEOUT_S", 0.1)
     file = folder / "root" / "slow.blend"
     file.write_bytes((folder / "root" / "driver.blend").read_bytes())
-    with confined(AssetRoots((folder / "root",))):
+    with confine_paths(AssetRoots((folder / "root",))):
         with pytest.raises(InvalidInputError, match=r"loads within 0\.1 s"):
             load_mesh(file)
         assert not psutil.Process().children()

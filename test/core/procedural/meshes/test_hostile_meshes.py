@@ -15,7 +15,7 @@ import trimesh
 from PIL import Image
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.path_fields import AssetRoots, confined
+from oaisys_core.files.path_fields import AssetRoots, confine_paths
 from oaisys_core.output.images import encode_image
 from oaisys_core.procedural.meshes.files import load_mesh
 
@@ -123,7 +123,7 @@ def test_files_beside_are_read(top: Path, write: Callable[[Path], Path]) -> None
 
 def test_files_in_another_asset_root_are_read(top: Path) -> None:
     file = obj("map_Kd ../outside/secret.png")(top / "root")
-    with confined(AssetRoots((top / "root", top / "outside"))):
+    with confine_paths(AssetRoots((top / "root", top / "outside"))):
         assert load_mesh(file).color_image_srgb is not None
 
 

@@ -10,7 +10,7 @@ from oaisys_core.procedural.terrain.masks.patches import (
     LayerNoise,
     blend_masks,
     gate,
-    layered_masks,
+    layer_masks,
 )
 from oaisys_core.procedural.terrain.masks.relief import exposure, has_steep_parts, relief_of
 from oaisys_core.scene import HeightField
@@ -33,7 +33,7 @@ def layered(count: int, **more: object) -> NDArray[np.float32]:
     parent = np.random.default_rng(3)
     rngs = [randomness.child(parent, str(index)) for index in range(count)]
     borders = (0.48, 0.52)
-    return layered_masks([NOISE] * count, (60.0, 60.0), SIZE, rngs, borders, **more)  # type: ignore[arg-type]
+    return layer_masks([NOISE] * count, (60.0, 60.0), SIZE, rngs, borders, **more)  # type: ignore[arg-type]
 
 
 def field(elevation_m: NDArray[np.float64], spacing_m: float) -> HeightField:

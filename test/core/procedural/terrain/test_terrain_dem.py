@@ -15,7 +15,7 @@ from rasterio.transform import Affine, from_origin
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.output import exr
 from oaisys_core.procedural.terrain.dem import degree_m, import_dem, write_dem
-from oaisys_core.procedural.terrain.holes import filled
+from oaisys_core.procedural.terrain.holes import fill_holes
 from oaisys_core.scene import HeightField
 
 EAST, NORTH = 0.3, -0.2
@@ -120,7 +120,7 @@ def test_a_hole_is_as_smooth_as_can_be() -> None:
     y, x = np.mgrid[-20:21, -20:21].astype(float)
     harmonic = x**2 - y**2
     missing = np.hypot(x, y) < 12
-    result = filled(np.where(missing, np.nan, harmonic), missing)
+    result = fill_holes(np.where(missing, np.nan, harmonic), missing)
     assert np.allclose(result, harmonic, atol=1e-6), "x² - y² solves the discrete equation as well"
 
 
@@ -128,7 +128,7 @@ def test_a_very_large_hole_is_as_smooth() -> None:
     y, x = np.mgrid[-150:151, -150:151].astype(float)
     plane = 0.3 * x - 0.2 * y
     missing = np.hypot(x, y) < 120
-    result = filled(np.where(missing, np.nan, plane), missing)
+    result = fill_holes(np.where(missing, np.nan, plane), missing)
     assert np.abs(result - plane).max() < 0.5, "a percent of the relief across the hole"
     assert (result[~missing] == plane[~missing]).all()
     steps = np.hypot(*np.gradient(result))
@@ -138,7 +138,7 @@ def test_a_very_large_hole_is_as_smooth() -> None:
 def test_an_image_that_was_never_measured_at_its_edge_goes_on() -> None:
     missing = np.zeros((30, 30), np.bool_)
     missing[:, :10] = True
-    result = filled(np.where(missing, np.nan, 7.0), missing)
+    result = fill_holes(np.where(missing, np.nan, 7.0), missing)
     assert np.allclose(result, 7.0)
 
 

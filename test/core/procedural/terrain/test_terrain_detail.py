@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from oaisys_core.procedural.terrain.detail import Detail, Patch, detailed, patch_at
+from oaisys_core.procedural.terrain.detail import Detail, Patch, add_detail, patch_at
 from oaisys_core.scene import HeightField
 
 DETAIL = Detail(seed=3, radius_m=2.0, spacing_m=0.1, amplitude_m=0.05, gain=0.6, below_m=20.0)
@@ -23,7 +23,7 @@ PLACES = [(0.3, -0.4), (-8.0, 8.0), (7.9, 0.0), (-7.4, -7.4), (3.0, -30.0)]
 @pytest.mark.parametrize("place", PLACES)
 def test_the_surface_has_no_gap(place: tuple[float, float]) -> None:
     ground = hills()
-    fine = detailed(ground, DETAIL, patch_at(ground, DETAIL, place))
+    fine = add_detail(ground, DETAIL, patch_at(ground, DETAIL, place))
     mesh = trimesh.Trimesh(fine.vertices_m(), fine.triangles(), process=False)
     edges, count = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
     assert set(count) == {1, 2}
@@ -40,7 +40,7 @@ def test_the_surface_has_no_gap(place: tuple[float, float]) -> None:
 @pytest.mark.parametrize("place", PLACES)
 def test_heights_are_those_of_the_triangles(place: tuple[float, float]) -> None:
     ground = hills()
-    fine = detailed(ground, DETAIL, patch_at(ground, DETAIL, place))
+    fine = add_detail(ground, DETAIL, patch_at(ground, DETAIL, place))
     corners = fine.vertices_m()[fine.triangles()].astype(float)
     weights = np.random.default_rng(1).dirichlet(np.ones(3), len(corners))
     points = np.einsum("tc,tcx->tx", weights, corners)
@@ -50,7 +50,7 @@ def test_heights_are_those_of_the_triangles(place: tuple[float, float]) -> None:
 
 def test_far_from_the_cameras_nothing_changes() -> None:
     ground = hills()
-    fine = detailed(ground, DETAIL, patch_at(ground, DETAIL, (0, 0)))
+    fine = add_detail(ground, DETAIL, patch_at(ground, DETAIL, (0, 0)))
     xy = np.random.default_rng(2).uniform(-8, 8, (5000, 2))
     far = np.abs(xy).max(axis=1) > 2.01
     assert (fine.height_at(xy[far]) == ground.height_at(xy[far])).all()
@@ -69,8 +69,8 @@ def test_the_patch_depends_on_the_place_alone_and_moves_in_steps() -> None:
 
 def test_the_noise_is_fixed_to_the_world() -> None:
     ground = HeightField(np.zeros((65, 65), np.float32), (-16, -16), 0.5)
-    one = detailed(ground, DETAIL, Patch(20, 40, 20, 40))
-    other = detailed(ground, DETAIL, Patch(22, 42, 20, 40))
+    one = add_detail(ground, DETAIL, Patch(20, 40, 20, 40))
+    other = add_detail(ground, DETAIL, Patch(22, 42, 20, 40))
     xy = np.random.default_rng(2).uniform(-2.0, 0.0, (1000, 2))
     assert np.allclose(one.height_at(xy), other.height_at(xy), atol=1e-6)
     assert np.abs(one.height_at(xy)).max() > 0.005
@@ -80,7 +80,7 @@ def test_without_noise_the_ground_becomes_smooth() -> None:
     x = np.linspace(-8, 8, 33)
     bowl = HeightField(np.add.outer(x**2, x**2).astype(np.float32) / 20, (-8.0, -8.0), 0.5)
     smooth = Detail(seed=1, radius_m=4.0, spacing_m=0.05, amplitude_m=0.0, gain=0.5, below_m=9.0)
-    fine = detailed(bowl, smooth, patch_at(bowl, smooth, (0, 0)))
+    fine = add_detail(bowl, smooth, patch_at(bowl, smooth, (0, 0)))
     xy = np.random.default_rng(2).uniform(-2, 2, (2000, 2))
     exact = (xy**2).sum(axis=1) / 20
     assert np.abs(fine.height_at(xy) - exact).max() < 2e-4

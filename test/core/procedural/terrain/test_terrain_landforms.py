@@ -10,7 +10,7 @@ from scipy.stats import pearsonr
 
 from oaisys_core.procedural.terrain import craters
 from oaisys_core.procedural.terrain.craters import crater_diameters, crater_field, crater_profile
-from oaisys_core.procedural.terrain.erosion import drained_area, slides, streams
+from oaisys_core.procedural.terrain.erosion import drainage_area, slides, streams
 from oaisys_core.procedural.terrain.presets import PRESETS, make_ground
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray
@@ -94,7 +94,7 @@ def test_water_gathers_what_lies_upstream() -> None:
     expected = np.ones(200)
     for cell in range(199, 1, -1):
         expected[receiver[cell]] += expected[cell]
-    assert (drained_area(receiver) == expected).all()
+    assert (drainage_area(receiver) == expected).all()
 
 
 def test_streams_flow_down_a_tilted_plain_and_only_take_away() -> None:

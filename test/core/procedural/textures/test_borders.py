@@ -18,7 +18,7 @@ from oaisys_core.procedural.textures.borders import (
     borders,
     height_levels,
     keys,
-    mixed,
+    mix,
     relief_weights,
 )
 from oaisys_core.procedural.textures.levels import levels_of
@@ -105,5 +105,5 @@ def test_flat_textures_blend_as_their_masks() -> None:
     weight = np.linspace(0, 1, 101).astype(np.float32)
     flat = np.full(101, MEAN_HEIGHT, np.float32)
     (border,) = borders([0.0, 0.0])
-    factor, _ = mixed(keys(flat, weight), keys(flat, 1 - weight), border)
+    factor, _ = mix(keys(flat, weight), keys(flat, 1 - weight), border)
     np.testing.assert_allclose(factor, weight, atol=0.02)

@@ -24,7 +24,7 @@ def test_unbent_cells_are_a_voronoi_diagram() -> None:
 
 def test_crossed_cells_are_the_pairs() -> None:
     y, x = np.mgrid[:8, :8]
-    ids = cells.crossed(x // 4, y // 2)
+    ids = cells.intersect(x // 4, y // 2)
     assert len(np.unique(ids)) == 8
     for number in range(8):
         assert len(np.unique((x // 4)[ids == number])) == 1
@@ -63,7 +63,7 @@ def test_places_are_measured_from_the_middle_of_a_cell() -> None:
 
 def test_tilted_cells_are_planes() -> None:
     ids = cells.voronoi(SIZE, 3, np.random.default_rng(3))
-    height = cells.tilted(ids, np.random.default_rng(4))
+    height = cells.facet_heights(ids, np.random.default_rng(4))
     inside = cells.border_distance(ids) > 3
     bend = np.roll(height, 1, 1) - 2 * height + np.roll(height, -1, 1)
     assert np.abs(bend[inside]).max() < 1e-5
@@ -72,7 +72,7 @@ def test_tilted_cells_are_planes() -> None:
 
 @pytest.mark.parametrize(("a", "b"), [(3, 1), (2, 1), (3, 2)])
 def test_joints_cut_a_tile_into_as_many_blocks_as_fit(a: int, b: int) -> None:
-    ids = cells.jointed(120, (a, b), np.random.default_rng(0), bend=0.0)
+    ids = cells.joint_blocks(120, (a, b), np.random.default_rng(0), bend=0.0)
     number, area = np.unique(ids, return_counts=True)
     assert len(number) == a * a + b * b
     # Blocks are equal squares; a block that lies across the tile's edge is one block.

@@ -14,7 +14,7 @@ from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.render.blender.adaptive_samples import (
     ViewNeed,
-    adapted,
+    adapt,
     samples_for,
     view_need,
 )
@@ -86,8 +86,8 @@ def test_samples_lie_between_their_bounds(clutter: float, shade: float, samples:
 
 def test_settings_of_one_number_keep_it() -> None:
     surface = surface_of_reeds(0.5)
-    assert adapted(surface, DOWN, settings(1)) == settings(1)
-    fixed = adapted(surface, DOWN, replace(settings(5), denoise=True, max_samples=5))
+    assert adapt(surface, DOWN, settings(1)) == settings(1)
+    fixed = adapt(surface, DOWN, replace(settings(5), denoise=True, max_samples=5))
     assert fixed.samples == 5
     assert fixed.clutter == view_need(surface, DOWN).clutter
 

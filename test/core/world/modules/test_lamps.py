@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from repository import REPOSITORY
 
 from oaisys_core.color import linear
-from oaisys_core.config import adjusted, config_from_mapping, load_config
+from oaisys_core.config import adjust, config_from_mapping, load_config
 from oaisys_core.config.sections.lamps import MAX_LAMPS
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, pose_to_matrix
@@ -335,7 +335,7 @@ def test_a_lamp_off_the_stage_has_no_ground() -> None:
 def test_the_example_is_lit_by_its_lamps_alone() -> None:
     """By the analytic backend here, by Blender with all other examples."""
     config = load_config(REPOSITORY / "config/examples/environment_lamps.yaml")
-    sim = Simulation(adjusted(config, backend="analytic", size="64x48"))
+    sim = Simulation(adjust(config, backend="analytic", size="64x48"))
     sim.step_batch()
     lit = rgb(sim.step_sample())
     names = [lamp.name for lamp in sim.scene.lamps]

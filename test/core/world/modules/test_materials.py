@@ -10,13 +10,13 @@ import pytest
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.procedural.terrain.displacement import displaced
-from oaisys_core.procedural.textures.adjusting import ColorChange, recolored, with_relief
+from oaisys_core.procedural.terrain.displacement import displace
+from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial
 from oaisys_core.world.module import World
 from oaisys_core.world.modules import MaterialsModule
-from oaisys_core.world.modules.layers import chosen_layers
+from oaisys_core.world.modules.layers import choose_layers
 
 POOL = [
     {"texture": name, "label": name, "semantic_id": index + 1}
@@ -43,7 +43,7 @@ def world_of(
 
 
 def names(materials: MaterialsConfig, seed: int) -> list[str]:
-    return [layer.label for layer in chosen_layers(materials, randomness.stream(seed, "materials"))]
+    return [layer.label for layer in choose_layers(materials, randomness.stream(seed, "materials"))]
 
 
 def test_pools_draw_as_many_layers_as_told() -> None:
@@ -176,16 +176,16 @@ def maps(color: tuple[int, int, int], height: np.ndarray, tile_m: float = 2.0) -
 
 def test_colours_turn_and_scale_in_linear_light() -> None:
     plain = maps((188, 92, 92), np.zeros((4, 4)))
-    assert recolored(plain, ColorChange()) is plain
-    turned = recolored(plain, ColorChange(hue_deg=120)).color_srgb[0, 0]
+    assert recolor(plain, ColorChange()) is plain
+    turned = recolor(plain, ColorChange(hue_deg=120)).color_srgb[0, 0]
     assert np.allclose(turned, (92, 188, 92), atol=1)
     # sRGB 188 is a linear 0.503, and half of that is 137; 92 is 0.107, and half of it 66.
-    halved = recolored(plain, ColorChange(value=0.5)).color_srgb[0, 0]
+    halved = recolor(plain, ColorChange(value=0.5)).color_srgb[0, 0]
     assert np.allclose(halved, (137, 66, 66), atol=1)
-    grey = recolored(plain, ColorChange(saturation=1e-9)).color_srgb[0, 0]
+    grey = recolor(plain, ColorChange(saturation=1e-9)).color_srgb[0, 0]
     assert np.ptp(grey.astype(int)) <= 1
     # A curve through (0.503, 0.107) sends this red to the others' value.
-    curved = recolored(plain, ColorChange(curves={"red": [(0.503, 0.107)]})).color_srgb[0, 0]
+    curved = recolor(plain, ColorChange(curves={"red": [(0.503, 0.107)]})).color_srgb[0, 0]
     assert np.allclose(curved, (92, 92, 92), atol=1)
 
 
@@ -206,7 +206,7 @@ def test_displaced_ground_is_the_height_map_in_metres() -> None:
     layer = TerrainLayer("a", (1,), maps((90, 90, 90), wave, tile_m))
     ground = HeightField(np.full((81, 101), 5.0, np.float32), (-2.5, -2.0), spacing_m)
     material = TerrainMaterial((layer,), np.ones((1, 4, 4), np.float32), ground.extent_m)
-    moved = displaced(ground, material, [relief_m])
+    moved = displace(ground, material, [relief_m])
     at = moved.vertices_m()
     u, v = at[:, 0] / tile_m, at[:, 1] / tile_m
     expected = 5 + relief_m * 0.25 * (np.sin(2 * np.pi * u) + np.cos(2 * np.pi * v))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.config import adjusted, config_from_mapping
+from oaisys_core.config import adjust, config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down, project, unproject
 from oaisys_core.render.analytic import AnalyticBackend
@@ -114,7 +114,7 @@ def test_pairs_and_cameras_share_a_space_of_names() -> None:
 
 def test_a_pair_is_resized_as_a_camera_is() -> None:
     config = config_from_mapping({"sensors": {"stereo": [{"name": "s", "distortion": BENT}]}})
-    left, right = adjusted(config, size="320x240").sensors.all_cameras
+    left, right = adjust(config, size="320x240").sensors.all_cameras
     assert (left.width_px, left.fx_px, right.height_px) == (320, 541.14 / 2, 240)
 
 

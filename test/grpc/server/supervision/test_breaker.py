@@ -47,7 +47,7 @@ def breaker(clock: Clock) -> Breaker:
     breaker = Breaker(clock)
     for _ in range(CRASHES_ALLOWED):
         assert breaker.refusal is None
-        breaker.crashed(CRASH)
+        breaker.note_crash(CRASH)
     return breaker
 
 
@@ -66,14 +66,14 @@ def test_pauses_grow_until_a_worker_has_worked(breaker: Breaker, clock: Clock) -
     pauses_s = []
     for _ in range(9):
         pauses_s.append(pause_s(breaker, clock))
-        breaker.crashed(CRASH)
+        breaker.note_crash(CRASH)
     doubled = [min(FIRST_PAUSE_S * 2**n, LONGEST_PAUSE_S) for n in range(9)]
     assert pauses_s == doubled
     pause_s(breaker, clock)
-    breaker.worked()
+    breaker.note_success()
     for _ in range(CRASHES_ALLOWED):
         assert breaker.refusal is None
-        breaker.crashed(CRASH)
+        breaker.note_crash(CRASH)
     assert pause_s(breaker, clock) == FIRST_PAUSE_S
 
 
@@ -82,14 +82,14 @@ def test_a_worker_that_lived_long_enough_counts_as_one_that_worked(
 ) -> None:
     pause_s(breaker, clock)
     clock.now_s += CRASH_WINDOW_S + 1
-    breaker.crashed(CRASH)
+    breaker.note_crash(CRASH)
     assert breaker.refusal is None
 
 
 def test_crashes_far_apart_are_no_loop(clock: Clock) -> None:
     breaker = Breaker(clock)
     for _ in range(10):
-        breaker.crashed(CRASH)
+        breaker.note_crash(CRASH)
         assert breaker.refusal is None
         clock.now_s += CRASH_WINDOW_S / (CRASHES_ALLOWED - 1)
 

@@ -58,33 +58,33 @@ def test_a_request_is_refused_after_two_deaths_whoever_sends_it(
 ) -> None:
     for number in range(DEATHS_ALLOWED):
         assert crashes.refusal(Cause(f"client {number}", b"bomb")) is None
-        crashes.crashed(Cause(f"client {number}", b"bomb"), CRASH)
+        crashes.note_crash(Cause(f"client {number}", b"bomb"), CRASH)
     refusal = crashes.refusal(Cause("another", b"bomb"))
     assert isinstance(refusal, DeadlyRequestError)
     assert "SIGSEGV" in str(refusal)
     assert crashes.refusal(Cause("another", b"view")) is None
     clock.now_s += LONGEST_PAUSE_S
     assert crashes.refusal(Cause("another", b"bomb")) is None
-    crashes.crashed(Cause("another", b"bomb"), CRASH)
+    crashes.note_crash(Cause("another", b"bomb"), CRASH)
     assert crashes.refusal(Cause("another", b"bomb")) is not None
 
 
 def test_what_outgrows_memory_is_refused_at_once_and_what_others_killed_is_not(
     crashes: Crashes,
 ) -> None:
-    crashes.crashed(Cause("a", b"bomb"), OutgrownWorkerError("9000 MB"))
+    crashes.note_crash(Cause("a", b"bomb"), OutgrownWorkerError("9000 MB"))
     assert isinstance(crashes.refusal(Cause("b", b"bomb")), DeadlyRequestError)
     for number in range(2 * DEATHS_ALLOWED):
-        crashes.crashed(Cause(f"c {number}", b"view"), KilledWorkerError("SIGKILL"))
-        crashes.crashed(Cause(f"d {number}", b"hang"), DeadlineExceededError("hung"))
+        crashes.note_crash(Cause(f"c {number}", b"view"), KilledWorkerError("SIGKILL"))
+        crashes.note_crash(Cause(f"d {number}", b"hang"), DeadlineExceededError("hung"))
     assert crashes.refusal(Cause("b", b"view")) is None
     assert crashes.refusal(Cause("b", b"hang")) is None
 
 
 def test_a_client_that_loses_workers_is_refused_alone(crashes: Crashes, clock: Clock) -> None:
-    crashes.worked(Cause("honest", b"view"), rendered=True)
+    crashes.note_success(Cause("honest", b"view"), rendered=True)
     for number in range(CRASHES_ALLOWED):
-        assert not crashes.crashed(Cause("hostile", b"bomb %d" % number), CRASH)
+        assert not crashes.note_crash(Cause("hostile", b"bomb %d" % number), CRASH)
     refusal = crashes.refusal(Cause("hostile", b"another bomb"))
     assert isinstance(refusal, BackendUnavailableError)
     assert "of this connection" in str(refusal)
@@ -94,9 +94,9 @@ def test_a_client_that_loses_workers_is_refused_alone(crashes: Crashes, clock: C
 
 
 def test_new_connections_are_one_client_once_anyone_had_success(crashes: Crashes) -> None:
-    crashes.worked(Cause("honest", b"view"), rendered=True)
+    crashes.note_success(Cause("honest", b"view"), rendered=True)
     for number in range(10 * CLIENTS_ALLOWED):
-        assert not crashes.crashed(Cause(f"connection {number}", b"bomb %d" % number), CRASH)
+        assert not crashes.note_crash(Cause(f"connection {number}", b"bomb %d" % number), CRASH)
         assert crashes.refusal(Cause("newcomer", b"view")) is None
 
 
@@ -107,18 +107,18 @@ def test_many_clients_that_fail_and_none_that_succeeds_mean_a_faulty_worker(
     clients = [f"client {number}" for number in range(CLIENTS_ALLOWED + 1)]
     if had_success:
         for name in clients:
-            crashes.worked(Cause(name, b"view"), rendered=True)
+            crashes.note_success(Cause(name, b"view"), rendered=True)
     causes = [Cause(name, name.encode()) for name in clients]
-    assert not any(crashes.crashed(cause, CRASH) for cause in causes[:-1])
-    assert crashes.crashed(causes[-1], CRASH)
-    crashes.worked(causes[0], rendered=True)
-    assert not crashes.crashed(causes[-1], CRASH)
+    assert not any(crashes.note_crash(cause, CRASH) for cause in causes[:-1])
+    assert crashes.note_crash(causes[-1], CRASH)
+    crashes.note_success(causes[0], rendered=True)
+    assert not crashes.note_crash(causes[-1], CRASH)
 
 
 def test_memory_of_crashes_is_bounded(crashes: Crashes) -> None:
     for number in range(5000):
-        crashes.crashed(Cause(f"client {number}", b"%d" % number), CRASH)
-        crashes.worked(Cause(f"other {number}", b"x%d" % number), rendered=True)
+        crashes.note_crash(Cause(f"client {number}", b"%d" % number), CRASH)
+        crashes.note_success(Cause(f"other {number}", b"x%d" % number), rendered=True)
     kept: list[Any] = [crashes._requests, crashes._clients, crashes._known]
     assert max(map(len, kept)) <= 1024
 

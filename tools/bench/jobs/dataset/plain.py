@@ -14,7 +14,7 @@ from oaisys_core.errors import RenderError
 from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import Sample
 from oaisys_dataset.manifest import WorldFailure
-from oaisys_dataset.shards import encoded_image
+from oaisys_dataset.shards import encode_pixels
 from oaisys_dataset.world_render import WorldRenderer
 from tools.bench.dataset_worlds import VIEWS_AHEAD, dataset_config, dataset_tasks
 from tools.bench.jobs.world import simulation_of
@@ -75,7 +75,7 @@ def _encoding_cpu_s(samples: Sequence[Sample]) -> dict[str, list[float]]:
     for sample in samples:
         for frame in sample.frames:
             began_s = time.process_time()
-            encoded_image(frame.data)
+            encode_pixels(frame.data)
             found.setdefault(frame.modality, []).append(time.process_time() - began_s)
     return found
 

@@ -31,7 +31,7 @@ from oaisys_dataset.plan import WorldTask
 from oaisys_dataset.ray_session import RaySettings
 from oaisys_dataset.records import frame_id
 from oaisys_dataset.rendering import DatasetRendering, dataset_info
-from oaisys_dataset.shards import encoded_frame
+from oaisys_dataset.shards import encode_frame
 from oaisys_dataset.workers import ViewCounts, WorldBegun, WorldPart
 from oaisys_dataset.world_render import EncodedView
 from tools.bench.dataset_worlds import SPLITS, VIEWS_AHEAD, dataset_config
@@ -42,7 +42,7 @@ SIMULATED_CAMERA = PinholeIntrinsics(16, 12, 14.0, 14.0, 7.5, 5.5)
 SIMULATED_MEMORY_GB = 0.5
 
 
-def rendered(
+def render_dataset(
     settings: Settings,
     say: Say,
     world: str,
@@ -65,7 +65,7 @@ def rendered(
     first_s = last_s = cpu_at_first_s = cpu_s = 0.0
     with tempfile.TemporaryDirectory(prefix="bench_dataset_") as folder:
         rendering = _rendering(config, folder, worlds, views)
-        with rendering.begun(is_resumed=False):
+        with rendering.begin(is_resumed=False):
             for event in rendering.run(RaySettings(workers=workers)):
                 if isinstance(event, WorldFailure):
                     raise RenderError(f"{world}, world {event.world}: {event.reason}")
@@ -100,10 +100,10 @@ def driver_memory(settings: Settings, say: Say, worlds: int, views: int) -> dict
     begun_mb = memory_mb()
     with (
         tempfile.TemporaryDirectory(prefix="bench_dataset_") as folder,
-        patch.object(engine, "render_world", simulated_world),
+        patch.object(engine, "render_world", simulate_world),
     ):
         rendering = _rendering(config, folder, worlds, views)
-        with rendering.begun(is_resumed=False):
+        with rendering.begin(is_resumed=False):
             settings_of_ray = RaySettings(workers=1, memory_gb=SIMULATED_MEMORY_GB)
             for event in rendering.run(settings_of_ray):
                 if isinstance(event, WorldFailure):
@@ -117,7 +117,7 @@ def driver_memory(settings: Settings, say: Say, worlds: int, views: int) -> dict
     return {"begun": begun_mb, "peak": peak_mb, "read": peak_memory_mb()}
 
 
-def simulated_world(config_json: str, task: WorldTask, url: str | None) -> Iterator[WorldPart]:
+def simulate_world(config_json: str, task: WorldTask, url: str | None) -> Iterator[WorldPart]:
     """Yield the parts of a world with tiny images instead of rendering it."""
     del config_json, url
     yield WorldBegun(task.index)
@@ -129,7 +129,7 @@ def simulated_world(config_json: str, task: WorldTask, url: str | None) -> Itera
         SEMANTIC_0: rng.integers(1, 5, shape).astype(np.uint16),
         INSTANCE: rng.integers(0, 9, shape).astype(np.uint32),
     }
-    encoded = encoded_frame(_simulated_record(task, 0), arrays)
+    encoded = encode_frame(_simulated_record(task, 0), arrays)
     for view in range(task.views):
         record = _simulated_record(task, view)
         images = {

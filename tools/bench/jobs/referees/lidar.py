@@ -18,8 +18,8 @@ from oaisys_core.drive.schedule import NANOSECONDS
 from oaisys_core.geometry import distances_along_m
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory import Trajectory
-from oaisys_core.types import FloatArray, LidarInfo, merged
-from oaisys_mapping.odometry.lidar_odometry import judged
+from oaisys_core.types import FloatArray, LidarInfo, merge
+from oaisys_mapping.odometry.lidar_odometry import judge
 from oaisys_mapping.odometry.trajectories import TimedTransforms, time_offset_s
 from tools.bench.referees.drivable_way import free_ground, slalom, there_and_back
 from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
@@ -90,10 +90,10 @@ def drive(
                 lambda mode: odometry(recorded.folder, mode, recorded.lidar.period_s), modes
             )
             estimates = dict(zip(modes, found, strict=True))
-    lidar = recorded.truth.mounted(recorded.lidar.T_base_lidar)
-    late = estimates["own_motion"].delayed(late_s)
+    lidar = recorded.truth.mount(recorded.lidar.T_base_lidar)
+    late = estimates["own_motion"].delay(late_s)
     judgements: dict[str, Any] = {
-        mode: asdict(judged(estimate, recorded.truth, recorded.lidar.T_base_lidar, 0.0))
+        mode: asdict(judge(estimate, recorded.truth, recorded.lidar.T_base_lidar, 0.0))
         for mode, estimate in estimates.items()
     }
     return {
@@ -152,7 +152,7 @@ def _timed_scan(sample: TimedSample, trajectory: Trajectory, lidar: LidarInfo) -
     points_m = np.stack([points[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     stamp_s = sample.time_ns / NANOSECONDS
     at_s, column = np.unique(points["time"].astype(np.float64), return_inverse=True)
-    poses = trajectory.mounted(lidar.T_base_lidar)
+    poses = trajectory.mount(lidar.T_base_lidar)
     T = np.linalg.inv(poses(np.array([stamp_s + lidar.period_s]))[0]) @ poses(stamp_s + at_s)
     moved_m = np.einsum("nij,nj->ni", T[column, :3, :3], points_m) + T[column, :3, 3]
     return TimedScan(stamp_s, points_m, moved_m, points["time"] / lidar.period_s)
@@ -190,7 +190,7 @@ def _config(
     }
     if world != DEMO:
         changes["stage"] = {"extent_m": CANYON_M}
-    return config_from_mapping(merged(plain, changes), world_file(world).parent)
+    return config_from_mapping(merge(plain, changes), world_file(world).parent)
 
 
 def _way(simulation: Simulation, way_m: float, slalom_m: tuple[float, float] | None) -> FloatArray:

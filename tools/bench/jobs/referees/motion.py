@@ -15,7 +15,7 @@ from oaisys_core.geometry import distances_along_m
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.imu import imu_info, measure
-from oaisys_mapping.odometry.inertial import ImuFigures, preintegrated
+from oaisys_mapping.odometry.inertial import ImuFigures, preintegrate
 from oaisys_mapping.odometry.trajectories import TimedTransforms
 from tools.bench.settings import Say, Settings
 
@@ -57,7 +57,7 @@ def _preintegrated(flight: Trajectory, mounted: ImuConfig, believed: ImuConfig) 
         (to_base.apply(flight.velocity_m_s(odometry_s)), flight.angular_rate_rad_s(odometry_s))
     )
     truth = TimedTransforms(odometry_s, flight.T_map_base(odometry_s))
-    return preintegrated(table, truth, twists, imu_info(believed).T_base_imu, GRAVITY)
+    return preintegrate(table, truth, twists, imu_info(believed).T_base_imu, GRAVITY)
 
 
 def odometry_drift(settings: Settings, say: Say, seeds: int) -> dict[str, float]:

@@ -15,7 +15,7 @@ from oaisys_core.config.sections.drive import GRAVITY_M_S2, DroneConfig
 from oaisys_core.geometry import nadir_spacing_m, pose_looking_at, pose_looking_down
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory.drone import plan_flight
-from oaisys_core.types import DEPTH, DISPARITY, RGB, Frame, ModuleMetadata, Pose, merged
+from oaisys_core.types import DEPTH, DISPARITY, RGB, Frame, ModuleMetadata, Pose, merge
 from tools.bench.jobs.world import simulation_of, world_config
 from tools.bench.referees.rgbd_odometry import rgbd_figures
 from tools.bench.referees.stereo_matching import stereo_figures
@@ -142,7 +142,7 @@ def _demo(
     """Yield a simulation with a batch of the demo's world, with changes on top."""
     render = {"quality": quality, "exposure_ev": 0.0}
     ours = {"seed": seed, "render": render, "sensors": sensors or {}}
-    with simulation_of(world_config(settings, merged(changes or {}, ours))) as simulation:
+    with simulation_of(world_config(settings, merge(changes or {}, ours))) as simulation:
         simulation.step_batch()
         yield simulation
 

@@ -21,7 +21,7 @@ PASSES, TOLERANCE = 6, 0.02
 """How often and how well the unit is fitted; seedlings below a leaf's size have smaller leaves."""
 
 
-def fitted(
+def fit_to_size(
     name: str, build: PlantBuilder, rng: np.random.Generator, size_m: float = 1.0
 ) -> MeshPrototype:
     """Return a plant scaled to 1 m along its longest axis, whose leaves suit a size in metres."""

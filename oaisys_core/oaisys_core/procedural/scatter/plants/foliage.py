@@ -142,7 +142,7 @@ class Dress:
             feet, directions, colors = self._places(share * number, rng)
             lengths = length_m * rng.uniform(0.75, 1.3, len(feet))
             lengths = np.clip(lengths, low_m, high_m) / self.size_m
-            teeth, _ = self.organ.drawn(len(feet), rng, self.size_m)
+            teeth, _ = self.organ.draw(len(feet), rng, self.size_m)
             if is_fork:
                 organs = Organs(feet, directions, lengths, 2 * SPREAD * teeth, colors)
                 add_forks(self.parts, organs, rng)

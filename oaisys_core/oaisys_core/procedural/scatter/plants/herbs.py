@@ -66,7 +66,7 @@ def sedge(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder
     leaves = _bunch(rng, count, 0.1, (0.5, 1.05), lean=0.42, bend=-1.3, points=6)
     feet = shades(rng, SEDGE, STRAW, count) * 0.8
     tips = shades(rng, SEDGE_TIP, STRAW, count)
-    add_blades(parts, leaves, blade.drawn(count, rng, unit_m)[1], feet, tips, rng)
+    add_blades(parts, leaves, blade.draw(count, rng, unit_m)[1], feet, tips, rng)
     _ears(parts, rng, unit_m, count=9, spread=0.08, length=(0.7, 1.0), head=(0.30, 0.22, 0.12))
     return parts
 
@@ -87,7 +87,7 @@ def reed(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
     number = len(leaves.points_m)
     tips = shades(rng, REED_TIP, STRAW, number)
     add_blades(
-        parts, leaves, blade.drawn(number, rng, unit_m)[1],
+        parts, leaves, blade.draw(number, rng, unit_m)[1],
         shades(rng, REED, REED_TIP, number), tips, rng,
     )  # fmt: skip
     plume = StemRule(16, (0.9, 1.0), 0.1, (1.0, 0.9, 0.4), (45.0, 20.0), bend=-0.6, points=3)
@@ -215,7 +215,7 @@ def _grass(
     tips = shades(rng, FRESH, LUSH, count)
     tips = tips + (np.asarray(STRAW) - tips) * share
     foot = foot + (0.7 * np.asarray(STRAW) - foot) * 0.5 * share
-    add_blades(parts, leaves, blade.drawn(count, rng, unit_m)[1], foot, tips, rng)
+    add_blades(parts, leaves, blade.draw(count, rng, unit_m)[1], foot, tips, rng)
 
 
 def _ears(

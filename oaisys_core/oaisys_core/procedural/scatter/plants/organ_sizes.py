@@ -35,7 +35,7 @@ class OrganSize:
     length_m: tuple[float, float]
     width_m: tuple[float, float]
 
-    def drawn(
+    def draw(
         self, count: int, rng: np.random.Generator, factor: float = 1.0
     ) -> tuple[FloatArray, FloatArray]:
         """Return (count,) lengths and widths; long organs are wide.

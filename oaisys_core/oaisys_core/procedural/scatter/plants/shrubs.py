@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import ConfigDict
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
-from oaisys_core.procedural.scatter.plants.fitting import fitted
 from oaisys_core.procedural.scatter.plants.foliage import Color, Dress, Foliage
 from oaisys_core.procedural.scatter.plants.growth import UP, StemRule, Stems, branches, stems
 from oaisys_core.procedural.scatter.plants.organ_sizes import ORGANS, STRICT, OrganSize

@@ -11,7 +11,7 @@ from functools import partial
 from pydantic import TypeAdapter
 
 from oaisys_core.procedural.scatter.plants import herbs
-from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fitted
+from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fit_to_size
 from oaisys_core.procedural.scatter.plants.organ_sizes import TABLE
 from oaisys_core.procedural.scatter.plants.shrubs import WoodyPlant
 
@@ -20,7 +20,7 @@ WOODY = TypeAdapter(dict[str, WoodyPlant]).validate_python(TABLE["woody"])
 
 SPECIES: dict[str, PlantGenerator] = {
     **{
-        build.__name__: partial(fitted, build.__name__, build)
+        build.__name__: partial(fit_to_size, build.__name__, build)
         for build in (herbs.meadow, herbs.flower_meadow, herbs.sedge, herbs.reed, herbs.bracken)
     },
     **{name: partial(plant.grow, name) for name, plant in WOODY.items()},

@@ -127,7 +127,7 @@ def border_softness(sharpness: float) -> float:
     return float(WIDEST * (1 - sharpness) ** 1.5 + 1e-3)
 
 
-def layered_masks(
+def layer_masks(
     noises: Sequence[LayerNoise],
     extent_m: tuple[float, float],
     size_px: int,

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from oaisys_core import randomness
-from oaisys_core.procedural.terrain.noise import Field, filtered
+from oaisys_core.procedural.terrain.noise import Field, filter_noise
 from oaisys_core.procedural.terrain.surroundings.rings import SPACING_SHARE
 from oaisys_core.procedural.terrain.surroundings.spectrum import Octave
 from oaisys_core.scene.surroundings import ReliefBand
@@ -60,7 +60,9 @@ class LandReliefPattern:
         shortest = SIZE_PX / TEXELS
         gain = np.maximum(cycles, 1.0) ** -FALL
         gain *= np.clip(cycles * RATIO / shortest, 0, 1) ** 3 * (cycles <= shortest)
-        return filtered(SIZE_PX, gain.astype(np.float32), randomness.stream(self.seed, "detail"))
+        return filter_noise(
+            SIZE_PX, gain.astype(np.float32), randomness.stream(self.seed, "detail")
+        )
 
     @property
     def bands(self) -> list[ReliefBand]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.masks.patches import RAGGED, weights_of
-from oaisys_core.procedural.terrain.noise import Field, balancing_offsets, filtered
+from oaisys_core.procedural.terrain.noise import Field, balancing_offsets, filter_noise
 from oaisys_core.procedural.terrain.surroundings.land_relief import LandRelief
 from oaisys_core.types import FloatArray
 
@@ -113,7 +113,7 @@ class PatchyLandMasks:
         distance_m = np.hypot(outside_m[..., 0], outside_m[..., 1])
         return np.asarray(np.minimum(distance_m / self.patch_m, 1.0))
 
-    def blended(self, xy_m: FloatArray, weights: FloatArray) -> FloatArray:
+    def blend(self, xy_m: FloatArray, weights: FloatArray) -> FloatArray:
         """Return (N, L) weights at (N, 2) points; ``weights`` are those of the stage's masks."""
         share = self.share_at(xy_m)
         beyond = np.flatnonzero(share)
@@ -166,7 +166,7 @@ class PatchyLandMasks:
             (PATCHES_PX, PATCHES_TEXEL, _fall(PATCHES_PX, 1.0, FALL), SPREAD),
             (RAGGED_PX, RAGGED_TEXEL, _fall(RAGGED_PX, lowest, RAGGED_FALL), RAGGED_SPREAD),
         ):
-            noises = [filtered(size, fall, rng) for _ in self.shares[1:]]
+            noises = [filter_noise(size, fall, rng) for _ in self.shares[1:]]
             start, turn_rad = rng.uniform(0, size, 2), rng.uniform(0, 2 * pi)
             scaled = [noise * np.float32(spread) for noise in noises]
             yield Tiles(scaled, texel * self.patch_m, (start[0], start[1]), turn_rad)

@@ -8,10 +8,10 @@ from oaisys_core.procedural.textures import cells, fields
 from oaisys_core.procedural.textures.recipes.finish import (
     Recipe,
     TextureMaps,
-    blended,
-    finished,
+    blend,
+    finish_maps,
     smoothstep,
-    tinted,
+    tint,
 )
 from oaisys_core.procedural.textures.recipes.stones import StoneBed, StoneSpec
 
@@ -20,7 +20,7 @@ def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A dried-up pond: polygons of clay with curled rims, split again by finer cracks."""
     first = cells.voronoi(size_px, 8, rng, warp=0.07, jitter=0.42, smooth=2.8)
     finer = cells.voronoi(size_px, 13, rng, warp=0.07, jitter=0.45, smooth=2.8)
-    second = cells.crossed(first, finer)
+    second = cells.intersect(first, finer)
     tile_px = np.float32(1.0 / size_px)
     old = cells.border_distance(first) * tile_px
     uneven = fields.tile_noise(size_px, 8, rng, 1.6)
@@ -36,7 +36,7 @@ def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
     curl += 0.0014 * np.exp(-old / 0.022)
     silt = fields.tile_noise(size_px, 30, rng, 1.7)
     grain = fields.grains(size_px, rng, 0.8)
-    height = curl + 0.0006 * plate + 0.012 * cells.tilted(second, rng)
+    height = curl + 0.0006 * plate + 0.012 * cells.facet_heights(second, rng)
     height += 0.0010 * fields.tile_noise(size_px, 7, rng, 2.0) + 0.00022 * silt + 0.00006 * grain
     height = height * (1 - gap) - 0.013 * gap
     hairlines = cells.border_distance(
@@ -49,11 +49,11 @@ def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
         1 + 0.05 * plate + 0.035 * silt + 0.03 * grain + 0.05 * fields.tile_noise(size_px, 3, rng)
     )
     tone += 0.06 * np.exp(-young / 0.006) - 0.22 * craze
-    color = tinted(tone, (0.335, 0.265, 0.19))
-    color = blended(color, (0.42, 0.36, 0.28), 0.25 * smoothstep(0.2, 1.5, uneven))
-    color = blended(color, (0.15, 0.11, 0.075), 0.85 * gap)
+    color = tint(tone, (0.335, 0.265, 0.19))
+    color = blend(color, (0.42, 0.36, 0.28), 0.25 * smoothstep(0.2, 1.5, uneven))
+    color = blend(color, (0.15, 0.11, 0.075), 0.85 * gap)
     height = height - 0.0006 * craze
-    return finished(color, height, 0.9 + 0.02 * grain, albedo=0.255, shade=0.75)
+    return finish_maps(color, height, 0.9 + 0.02 * grain, albedo=0.255, shade=0.75)
 
 
 def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -67,7 +67,7 @@ def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
     firm = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.05, 1)
     bed.add_stones(StoneSpec(5000, (0.002, 0.007), 2.3, edge=0.2, buried=0.5), rng, firm)
     bed.add_stones(StoneSpec(500, (0.006, 0.02), 2.2, edge=0.22, buried=0.55), rng, firm)
-    height = fields.blurred(bed.height, size_px / 1000)
+    height = fields.blur(bed.height, size_px / 1000)
     level = np.float32(np.quantile(height, 0.16))
     above = height - level
     # Water fills the lowest parts; a capillary fringe around it is wet and dark.
@@ -75,14 +75,14 @@ def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
     wet = smoothstep(0.026, 0.0, above + 0.0020 * fields.tile_noise(size_px, 9, rng, 1.5))
     tone = 1 + 0.06 * smear + 0.05 * grain + 0.05 * fields.tile_noise(size_px, 3, rng)
     tone += 0.10 * np.clip(bed.above, 0, 1)
-    color = tinted(tone, (0.118, 0.085, 0.056))
-    color = blended(color, (0.068, 0.048, 0.031), 0.85 * wet)
-    color = blended(color, (0.038, 0.031, 0.023), 0.85 * water)
+    color = tint(tone, (0.118, 0.085, 0.056))
+    color = blend(color, (0.068, 0.048, 0.031), 0.85 * wet)
+    color = blend(color, (0.038, 0.031, 0.023), 0.85 * water)
     ripple = 0.00003 * fields.tile_noise(size_px, 20, rng, 2.2)
     height = np.where(above < 0, level + 0.04 * above + ripple, height)
     rough = 0.78 - 0.30 * wet + 0.03 * grain
     rough += (0.06 - rough) * water
-    return finished(color, height, rough, albedo=0.085, shade=0.6)
+    return finish_maps(color, height, rough, albedo=0.085, shade=0.6)
 
 
 def salt_crust(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -101,11 +101,11 @@ def salt_crust(size_px: int, rng: np.random.Generator) -> TextureMaps:
     height += 0.00022 * coarse + 0.00008 * grain
     dusty = smoothstep(-0.8, 1.6, fields.tile_noise(size_px, 4, rng, 1.7)) * (1 - 0.8 * rim)
     tone = 1 + 0.02 * coarse + 0.02 * grain + 0.03 * blisters
-    color = tinted(tone, (0.66, 0.63, 0.575))
-    color = blended(color, (0.47, 0.40, 0.31), 0.45 * dusty)
-    color = blended(color, (0.78, 0.77, 0.74), 0.55 * np.clip(crown, 0, 1))
-    color = blended(color, (0.36, 0.29, 0.21), 0.7 * split)
-    return finished(color, height, 0.75 + 0.03 * grain, albedo=0.55, shade=0.5)
+    color = tint(tone, (0.66, 0.63, 0.575))
+    color = blend(color, (0.47, 0.40, 0.31), 0.45 * dusty)
+    color = blend(color, (0.78, 0.77, 0.74), 0.55 * np.clip(crown, 0, 1))
+    color = blend(color, (0.36, 0.29, 0.21), 0.7 * split)
+    return finish_maps(color, height, 0.75 + 0.03 * grain, albedo=0.55, shade=0.5)
 
 
 RECIPES: dict[str, Recipe] = {

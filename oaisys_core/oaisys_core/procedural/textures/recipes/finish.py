@@ -53,17 +53,17 @@ class Recipe(NamedTuple):
     exposure: float = 0.0
 
 
-def encoded(linear: ArrayLike) -> NDArray[np.float32]:
+def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float32]:
     """Return the sRGB values, 0 to 1, of linear ones (IEC 61966-2-1)."""
     return srgb(np.clip(np.asarray(linear, np.float32), 0, 1))
 
 
-def tinted(tone: Field, color: Color) -> NDArray[np.float32]:
+def tint(tone: Field, color: Color) -> NDArray[np.float32]:
     """Return (N, N, 3) of one colour, multiplied by ``tone``."""
     return np.asarray(tone[..., None] * np.array(color, np.float32), np.float32)
 
 
-def blended(
+def blend(
     below: NDArray[np.float32], above: ArrayLike, share: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """Return (N, N, 3) colours, interpolated with (N, N) ``share`` from 0 to 1."""
@@ -76,7 +76,7 @@ def smoothstep(low: float, high: float, value: Field) -> Field:
     return np.asarray(t * t * (3 - 2 * t), np.float32)
 
 
-def finished(
+def finish_maps(
     reflectance: NDArray[np.float32],
     height: Field,
     roughness: Field,
@@ -98,7 +98,7 @@ def finished(
     light = fields.occlusion(height, size_px / 300) * fields.occlusion(height, size_px / 80)
     color = np.clip(reflectance, 0, None) * np.power(light, np.float32(shade))[..., None]
     color *= np.float32(albedo / float((color @ LUMINANCE).mean()))
-    return TextureMaps(encoded(color), height, np.clip(roughness, 0, 1).astype(np.float32))
+    return TextureMaps(linear_to_srgb(color), height, np.clip(roughness, 0, 1).astype(np.float32))
 
 
 def dusty(
@@ -112,7 +112,7 @@ def dusty(
     return np.asarray(tone[..., None] * warm * np.array(color, np.float32), np.float32)
 
 
-def covered(
+def stone_bed_maps(
     ground: NDArray[np.float32],
     bed: StoneBed,
     tones: Sequence[Color],
@@ -131,10 +131,10 @@ def covered(
     bare *= bed.ids >= 0
     color = ground + (stone - ground) * bare[..., None]
     chipped = 0.0002 * fields.tile_noise(size_px, 50, rng, 1.5) * (bed.ids >= 0)
-    return lit(color, bed.height + chipped.astype(np.float32), rng, roughness)
+    return darken_hollows(color, bed.height + chipped.astype(np.float32), rng, roughness)
 
 
-def lit(
+def darken_hollows(
     color: NDArray[np.float32],
     height: Field,
     rng: np.random.Generator,

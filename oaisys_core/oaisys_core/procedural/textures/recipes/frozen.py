@@ -10,10 +10,10 @@ from oaisys_core.procedural.textures import cells, fields
 from oaisys_core.procedural.textures.recipes.finish import (
     Recipe,
     TextureMaps,
-    blended,
-    finished,
+    blend,
+    finish_maps,
     smoothstep,
-    tinted,
+    tint,
 )
 
 
@@ -30,11 +30,11 @@ def snow(size_px: int, rng: np.random.Generator) -> TextureMaps:
     height = 0.0034 * drift + 0.0013 * ridges + eroded * (0.0020 * cut + 0.0002 * flutes)
     height += 0.00010 * crumbs + 0.00005 * grain
     tone = 1 + 0.006 * grain + 0.006 * crumbs + 0.008 * drift
-    color = tinted(tone, (0.80, 0.815, 0.83))
+    color = tint(tone, (0.80, 0.815, 0.83))
     glazed = eroded * smoothstep(0.1, 1.0, layer)
-    color = blended(color, (0.735, 0.765, 0.795), 0.35 * glazed)
+    color = blend(color, (0.735, 0.765, 0.795), 0.35 * glazed)
     rough = 0.85 - 0.2 * glazed + 0.02 * grain
-    return finished(color, height, rough, albedo=0.80, shade=0.2)
+    return finish_maps(color, height, rough, albedo=0.80, shade=0.2)
 
 
 def sastrugi(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -44,17 +44,17 @@ def sastrugi(size_px: int, rng: np.random.Generator) -> TextureMaps:
     drift = fields.windblown(size_px, rng, (1.5, 3.0), 2.6)
     grain = fields.grains(size_px, rng, 0.9)
     # The wind shifts crests along its way, the more the higher they are, which steepens one side.
-    steep = np.asarray(fields.blurred(ridge, size_px / 200) * (0.011 * size_px), np.float32)
+    steep = np.asarray(fields.blur(ridge, size_px / 200) * (0.011 * size_px), np.float32)
     ridge = _shifted(ridge, steep)
     terrace = 0.5 * smoothstep(-0.2, 0.5, ridge) + 0.5 * smoothstep(0.9, 1.5, ridge)
     height = 0.0035 * drift + 0.0030 * ridge + 0.0065 * terrace
     height += (0.0008 + 0.0007 * terrace) * flutes + 0.00005 * grain
     tone = 1 + 0.008 * grain + 0.006 * flutes + 0.008 * drift
-    color = tinted(tone, (0.80, 0.818, 0.838))
+    color = tint(tone, (0.80, 0.818, 0.838))
     glazed = terrace * smoothstep(-0.5, 1.5, flutes)
-    color = blended(color, (0.72, 0.757, 0.795), 0.4 * glazed)
+    color = blend(color, (0.72, 0.757, 0.795), 0.4 * glazed)
     rough = 0.84 - 0.16 * glazed + 0.02 * grain
-    return finished(color, height, rough, albedo=0.79, shade=0.15)
+    return finish_maps(color, height, rough, albedo=0.79, shade=0.15)
 
 
 def _shifted(field: Field, shift_px: Field) -> Field:
@@ -70,8 +70,8 @@ def ice(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Clear lake ice: dark, with healed fractures, flocks of bubbles and a trace of snow."""
     milk = smoothstep(-2.5, 5.0, fields.tile_noise(size_px, 3, rng, 2.2))
     fine = fields.tile_noise(size_px, 40, rng, 1.6)
-    color = tinted(1 + 0.04 * fine, (0.112, 0.160, 0.171))
-    color = blended(color, (0.31, 0.37, 0.378), milk)
+    color = tint(1 + 0.04 * fine, (0.112, 0.160, 0.171))
+    color = blend(color, (0.31, 0.37, 0.378), milk)
     white = np.zeros((size_px, size_px), np.float32)
     split = np.zeros((size_px, size_px), np.float32)
     for count, depth, strength in ((4, 0.055, 0.65), (7, 0.03, 0.5), (14, 0.012, 0.35)):
@@ -83,15 +83,15 @@ def ice(size_px: int, rng: np.random.Generator) -> TextureMaps:
     for strength in (0.2, 0.35, 0.6):
         bubbles = fields.spread(size_px, 3600, (0.0008, 0.0045), 2.2, rng, flock)
         white = np.maximum(white, strength * smoothstep(0.0, 1.0, fields.domes(size_px, *bubbles)))
-    color = blended(color, (0.70, 0.76, 0.775), white)
+    color = blend(color, (0.70, 0.76, 0.775), white)
     scour = fields.windblown(size_px, rng, (7.0, 9.0), 2.5)
     grain = fields.grains(size_px, rng, 0.9)
     # A film of snow remains where the surface is low and along open cracks.
     film = smoothstep(1.2, 3.6, 0.8 * fine + 0.8 * grain - 0.8 * scour)
-    color = blended(color, (0.80, 0.82, 0.84), 0.55 * film)
+    color = blend(color, (0.80, 0.82, 0.84), 0.55 * film)
     height = 0.0007 * scour - 0.0006 * split + 0.00004 * fine + 0.0001 * film
     rough = 0.08 + 0.06 * milk + 0.3 * split + 0.6 * film + 0.01 * fine
-    return finished(color, height, np.clip(rough, 0.04, 0.9), albedo=0.23, shade=0.1)
+    return finish_maps(color, height, np.clip(rough, 0.04, 0.9), albedo=0.23, shade=0.1)
 
 
 def _fractures(

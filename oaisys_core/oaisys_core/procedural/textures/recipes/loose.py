@@ -10,12 +10,12 @@ from oaisys_core.procedural.textures.recipes.finish import (
     Color,
     Recipe,
     TextureMaps,
-    blended,
-    covered,
+    blend,
     dusty,
-    finished,
+    finish_maps,
     smoothstep,
-    tinted,
+    stone_bed_maps,
+    tint,
 )
 from oaisys_core.procedural.textures.recipes.stones import StoneBed, StoneSpec
 
@@ -86,7 +86,7 @@ def _broken_stones(
         crowded,
     )
     bed.add_stones(StoneSpec(5000, (0.0024, 0.005), 2.2, buried=0.1), rng, crowded)
-    return covered(color, bed, stones, rng, roughness=0.86)
+    return stone_bed_maps(color, bed, stones, rng, roughness=0.86)
 
 
 def sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -117,7 +117,7 @@ def _gritty_sand(
     gritty = np.clip(0.35 + 0.35 * fields.tile_noise(size_px, 3, rng), 0.06, 1)
     bed.add_stones(StoneSpec(18000, (0.0011, 0.003), 2.2, buried=0.1), rng, gritty)
     bed.add_stones(StoneSpec(3200, (0.003, 0.018), 2.1, edge=0.08, buried=0.2), rng, gritty)
-    return covered(color, bed, stones, rng, roughness=0.93)
+    return stone_bed_maps(color, bed, stones, rng, roughness=0.93)
 
 
 def rippled_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -132,11 +132,11 @@ def rippled_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
     # Wind sorts: coarse, bright grains ride on the crests, dark heavy ones stay in the troughs.
     tone = 1 + 0.07 * strength * wave + 0.045 * grain + 0.03 * crumbs
     tone += 0.03 * fields.tile_noise(size_px, 3, rng)
-    color = tinted(tone, (0.46, 0.335, 0.215))
+    color = tint(tone, (0.46, 0.335, 0.215))
     dark = np.clip(fields.tile_noise(size_px, 4, rng) - 0.4 - 0.7 * wave, 0, 1.5) * 0.07
-    color = blended(color, (0.20, 0.165, 0.13), dark)
+    color = blend(color, (0.20, 0.165, 0.13), dark)
     rough = 0.93 + 0.02 * grain
-    return finished(color, height, rough, albedo=0.32, shade=0.35)
+    return finish_maps(color, height, rough, albedo=0.32, shade=0.35)
 
 
 def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -154,7 +154,7 @@ def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
         StoneSpec(560, (0.016, 0.036), 2.4, flatness=0.55, edge=0.2, buried=0.35), rng, coarse
     )
     bed.add_stones(StoneSpec(2500, (0.003, 0.006), 2.2, edge=0.15, buried=0.1), rng)
-    return covered(color, bed, RIVER_STONES, rng, roughness=0.72)
+    return stone_bed_maps(color, bed, RIVER_STONES, rng, roughness=0.72)
 
 
 def regolith(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -169,7 +169,7 @@ def regolith(size_px: int, rng: np.random.Generator) -> TextureMaps:
     patchy = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.08, 1)
     bed.add_stones(StoneSpec(20000, (0.0013, 0.004), 2.4, buried=0.2), rng, patchy)
     bed.add_stones(StoneSpec(1700, (0.004, 0.022), 2.2, edge=0.04, buried=0.3), rng, patchy)
-    return covered(color, bed, LUNAR_STONES, rng, roughness=0.95)
+    return stone_bed_maps(color, bed, LUNAR_STONES, rng, roughness=0.95)
 
 
 def _small_craters(
@@ -205,7 +205,7 @@ def soil(size_px: int, rng: np.random.Generator) -> TextureMaps:
     stony = np.clip(0.35 + 0.4 * fields.tile_noise(size_px, 4, rng), 0.05, 1)
     bed.add_stones(StoneSpec(16000, (0.0015, 0.004), 2.2, buried=0.15), rng, stony)
     bed.add_stones(StoneSpec(2600, (0.004, 0.02), 2.0, edge=0.07, buried=0.2), rng, stony)
-    return covered(color, bed, GRAVEL_STONES, rng, roughness=0.9)
+    return stone_bed_maps(color, bed, GRAVEL_STONES, rng, roughness=0.9)
 
 
 RECIPES: dict[str, Recipe] = {

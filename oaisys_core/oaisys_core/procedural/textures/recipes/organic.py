@@ -11,10 +11,10 @@ from oaisys_core.procedural.textures.recipes.finish import (
     Color,
     Recipe,
     TextureMaps,
-    blended,
-    finished,
+    blend,
+    finish_maps,
     smoothstep,
-    tinted,
+    tint,
 )
 from oaisys_core.procedural.textures.recipes.strokes import Profile, RibbonLayer, Ribbons
 from oaisys_core.types import FloatArray
@@ -154,17 +154,17 @@ def grass(size_px: int, rng: np.random.Generator) -> TextureMaps:
     ids, along, across = ribbon_layer.ids, ribbon_layer.along, ribbon_layer.across
     color = tone[ids]
     # The foot is pale and brownish, the tip dries first, and a blade is folded along its rib.
-    color = blended(color, (0.26, 0.23, 0.12), 0.45 * smoothstep(0.3, 0.0, along))
-    color = blended(color, (0.30, 0.26, 0.12), 0.35 * smoothstep(0.82, 1.0, along))
+    color = blend(color, (0.26, 0.23, 0.12), 0.45 * smoothstep(0.3, 0.0, along))
+    color = blend(color, (0.30, 0.26, 0.12), 0.35 * smoothstep(0.82, 1.0, along))
     color *= (1 + 0.22 * across * np.where(ids % 2, 1, -1))[..., None]
-    earth = tinted(1 + 0.15 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
+    earth = tint(1 + 0.15 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
     color = np.where((ids >= 0)[..., None], color, earth)
     color *= (1 + 0.07 * lush)[..., None] * (1 + lush[..., None] * np.array((-0.03, 0.02, -0.02)))
     height = ribbon_layer.height_px / size_px
     color *= (0.50 + 0.50 * smoothstep(-0.005, 0.005, _over(height, 0.012)))[..., None]
     rough = np.where(ids >= 0, 0.72, 0.95).astype(np.float32)
-    relief = 0.10 * fields.blurred(height, 0.8) + 0.15 * fields.blurred(height, size_px / 170)
-    return finished(color, relief, rough, albedo=0.15, shade=0.2)
+    relief = 0.10 * fields.blur(height, 0.8) + 0.15 * fields.blur(height, size_px / 170)
+    return finish_maps(color, relief, rough, albedo=0.15, shade=0.2)
 
 
 def moss(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -172,7 +172,7 @@ def moss(size_px: int, rng: np.random.Generator) -> TextureMaps:
     cushions = fields.spread(size_px, 700, (0.02, 0.085), 1.6, rng)
     cushion = np.sqrt(fields.domes(size_px, *cushions) / (0.05 * size_px))
     cushion += 0.10 * fields.tile_noise(size_px, 8, rng, 1.9)
-    cushion = fields.blurred(cushion.astype(np.float32), size_px / 250)
+    cushion = fields.blur(cushion.astype(np.float32), size_px / 250)
     age = fields.tile_noise(size_px, 4, rng, 1.6)
     cover = smoothstep(-2.1, -1.2, age + 0.8 * cushion) * (0.3 + 0.7 * smoothstep(0, 0.5, cushion))
     ribbon_layer = RibbonLayer(size_px, 0.08 * size_px)
@@ -185,18 +185,18 @@ def moss(size_px: int, rng: np.random.Generator) -> TextureMaps:
     tone = _tones(MOSS, int(shoot.max()) + 1, rng, 0.18).astype(np.float32)
     color = tone[shoot] * (0.55 + 0.75 * along)[..., None]
     brown = smoothstep(0.5, 2.2, age + 0.5 * rng.standard_normal(len(tone))[shoot])
-    color = blended(color, (0.15, 0.10, 0.045), 0.75 * brown.astype(np.float32))
+    color = blend(color, (0.15, 0.10, 0.045), 0.75 * brown.astype(np.float32))
     color *= (1 + 0.10 * age)[..., None]
-    earth = tinted(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), (0.05, 0.038, 0.026))
-    earth = blended(earth, (0.035, 0.042, 0.014), 0.8 * smoothstep(0.1, 0.5, cover))
+    earth = tint(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), (0.05, 0.038, 0.026))
+    earth = blend(earth, (0.035, 0.042, 0.014), 0.8 * smoothstep(0.1, 0.5, cover))
     color = np.where((ids >= 0)[..., None], color, earth)
     height = np.where(ids >= 0, ribbon_layer.height_px / size_px, 0.028 * cushion).astype(
         np.float32
     )
     color *= (0.5 + 0.5 * smoothstep(-0.004, 0.003, _over(height, 0.006)))[..., None]
-    wide = fields.blurred(height, size_px / 200)
-    relief = wide + 0.25 * (fields.blurred(height, 0.7) - wide)
-    return finished(color, relief, 0.92 - 0.12 * along, albedo=0.085, shade=0.5)
+    wide = fields.blur(height, size_px / 200)
+    relief = wide + 0.25 * (fields.blur(height, 0.7) - wide)
+    return finish_maps(color, relief, 0.92 - 0.12 * along, albedo=0.085, shade=0.5)
 
 
 SHOOT_LEAVES = 7
@@ -260,21 +260,21 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
     color *= (1 + is_leaf * 0.16 * rib)[..., None]
     # Where it is damp, leaves have rotted further: darker, and less colourful.
     damp = smoothstep(-1.2, 1.8, fields.tile_noise(size_px, 3, rng, 1.7) - 0.5 * lumps)
-    color = blended(color, (0.085, 0.062, 0.045), 0.5 * damp)
+    color = blend(color, (0.085, 0.062, 0.045), 0.5 * damp)
     spots = fields.tile_noise(size_px, 30, rng, 1.6)
     color *= (1 - 0.10 * spots - 0.25 * smoothstep(1.2, 2.0, spots))[..., None]
-    earth = tinted(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
+    earth = tint(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
     color = np.where((ids >= 0)[..., None], color, earth)
     height = ribbon_layer.height_px / size_px + 0.004 * lumps
     color *= (0.50 + 0.50 * smoothstep(-0.010, 0.004, _over(height, 0.012)))[..., None]
-    relief = 0.5 * fields.blurred(height, 0.8)
+    relief = 0.5 * fields.blur(height, 0.8)
     rough = np.where(is_leaf, 0.75, 0.9).astype(np.float32)
-    return finished(color, relief, rough, albedo=0.13, shade=0.35)
+    return finish_maps(color, relief, rough, albedo=0.13, shade=0.35)
 
 
 def _over(height: Field, width: float) -> Field:
     """Return the (N, N) height of pixels above their surroundings, in tile edges."""
-    return height - fields.blurred(height, width * len(height))
+    return height - fields.blur(height, width * len(height))
 
 
 def turf(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -310,15 +310,15 @@ def turf(size_px: int, rng: np.random.Generator) -> TextureMaps:
     withered = rng.uniform(size=ribbon_layer.count) < 0.12
     tone[withered] = _tones(STRAW, int(withered.sum()), rng, 0.2)
     ids, along = ribbon_layer.ids, ribbon_layer.along
-    color = blended(tone[ids], (0.26, 0.23, 0.12), 0.4 * smoothstep(0.3, 0.0, along))
-    earth = tinted(1 + 0.15 * fields.tile_noise(size_px, 50, rng, 1.3), EARTH)
+    color = blend(tone[ids], (0.26, 0.23, 0.12), 0.4 * smoothstep(0.3, 0.0, along))
+    earth = tint(1 + 0.15 * fields.tile_noise(size_px, 50, rng, 1.3), EARTH)
     color = np.where((ids >= 0)[..., None], color, earth)
     color *= (1 + 0.08 * lush)[..., None] * (1 + lush[..., None] * np.array((-0.04, 0.02, -0.02)))
     height = ribbon_layer.height_px / size_px
     color *= (0.60 + 0.40 * smoothstep(-0.003, 0.003, _over(height, 0.008)))[..., None]
     rough = np.where(ids >= 0, 0.74, 0.95).astype(np.float32)
-    relief = 0.12 * fields.blurred(height, 0.8) + 0.2 * fields.blurred(height, size_px / 170)
-    return finished(color, relief + 0.0015 * covered, rough, albedo=0.15, shade=0.2)
+    relief = 0.12 * fields.blur(height, 0.8) + 0.2 * fields.blur(height, size_px / 170)
+    return finish_maps(color, relief + 0.0015 * covered, rough, albedo=0.15, shade=0.2)
 
 
 RECIPES: dict[str, Recipe] = {

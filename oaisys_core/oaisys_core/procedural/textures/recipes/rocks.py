@@ -9,12 +9,12 @@ from oaisys_core.procedural.textures.recipes.finish import (
     Color,
     Recipe,
     TextureMaps,
-    blended,
+    blend,
+    darken_hollows,
     dusty,
-    finished,
-    lit,
+    finish_maps,
     smoothstep,
-    tinted,
+    tint,
 )
 
 
@@ -35,9 +35,9 @@ def basalt(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 def bedrock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A pavement of layered rock: slabs between joints, broken steps, sand in the low parts."""
-    blocks = cells.jointed(size_px, (3, 1), rng, bend=0.012)
+    blocks = cells.joint_blocks(size_px, (3, 1), rng, bend=0.012)
     breaks = cells.voronoi(size_px, 8, rng, warp=0.07, jitter=0.47, smooth=2.6)
-    slabs = cells.crossed(blocks, breaks)
+    slabs = cells.intersect(blocks, breaks)
     joint = cells.border_distance(blocks) / np.float32(size_px)
     crack = cells.border_distance(slabs) / np.float32(size_px)
     ragged = fields.tile_noise(size_px, 40, rng, 1.3)
@@ -49,7 +49,7 @@ def bedrock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     part = layer - np.floor(layer)
     terraces = np.floor(layer) + smoothstep(0.80, 1.0, part) + 0.12 * part
     height = 0.0026 * terraces + 0.0022 * cells.per_cell(slabs, rng)
-    height += 0.02 * cells.tilted(slabs, rng)
+    height += 0.02 * cells.facet_heights(slabs, rng)
     height += 0.0006 * rough + 0.00025 * ragged + 0.00010 * grain
     worn = 0.004 * np.exp(-crack / 0.003) + 0.006 * np.exp(-joint / 0.006)
     gap = np.maximum(
@@ -60,17 +60,17 @@ def bedrock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     band = np.interp(np.arange(64), np.arange(64), rng.normal(0, 1, 64)).astype(np.float32)
     tone = 1 + 0.05 * band[np.floor(layer).astype(np.int64) % 64] + 0.04 * rough + 0.035 * ragged
     tone += 0.03 * grain + 0.06 * cells.per_cell(slabs, rng) - 0.2 * gap
-    color = tinted(tone, (0.30, 0.245, 0.185))
+    color = tint(tone, (0.30, 0.245, 0.185))
     stain = smoothstep(0.4, 1.8, fields.tile_noise(size_px, 5, rng, 1.5))
-    color = blended(color, (0.20, 0.135, 0.085), 0.45 * stain)
+    color = blend(color, (0.20, 0.135, 0.085), 0.45 * stain)
     sanded = height + 0.0004 * fields.tile_noise(size_px, 20, rng, 1.6)
     level = np.float32(np.quantile(sanded, 0.13))
     sand = smoothstep(0.0010, -0.0006, sanded - level)
     fill = level + 0.0010 * fields.tile_noise(size_px, 8, rng, 2.1) + 0.00008 * grain
     height = height + (np.maximum(height, fill) - height) * sand
-    drifted = tinted(1 + 0.05 * grain + 0.02 * ragged, (0.325, 0.255, 0.18))
-    color = blended(color, drifted, sand)
-    return finished(color, height, 0.88 + 0.03 * grain, albedo=0.23, shade=0.7)
+    drifted = tint(1 + 0.05 * grain + 0.02 * ragged, (0.325, 0.255, 0.18))
+    color = blend(color, drifted, sand)
+    return finish_maps(color, height, 0.88 + 0.03 * grain, albedo=0.23, shade=0.7)
 
 
 def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -96,12 +96,12 @@ def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
     height += 0.00010 * grain - 0.7 * depth
     tone = 1 + 0.12 * (rope - 0.6) * strength + 0.06 * wrinkle + 0.06 * grain
     tone += 0.08 * cells.per_cell(lobes, rng) + 0.06 * fields.tile_noise(size_px, 3, rng)
-    color = tinted(tone, (0.072, 0.069, 0.068))
+    color = tint(tone, (0.072, 0.069, 0.068))
     rusty = smoothstep(0.6, 2.0, fields.tile_noise(size_px, 6, rng, 1.5))
-    color = blended(color, (0.11, 0.075, 0.052), 0.5 * rusty)
-    low = smoothstep(0.0, -0.006, height - fields.blurred(height.astype(np.float32), size_px / 60))
-    color = blended(color, (0.115, 0.10, 0.085), 0.45 * low)
-    return finished(color, height, 0.68 + 0.1 * low + 0.05 * wrinkle, albedo=0.068, shade=0.7)
+    color = blend(color, (0.11, 0.075, 0.052), 0.5 * rusty)
+    low = smoothstep(0.0, -0.006, height - fields.blur(height.astype(np.float32), size_px / 60))
+    color = blend(color, (0.115, 0.10, 0.085), 0.45 * low)
+    return finish_maps(color, height, 0.68 + 0.1 * low + 0.05 * wrinkle, albedo=0.068, shade=0.7)
 
 
 def _weathered(
@@ -124,7 +124,7 @@ def _weathered(
     stain = fields.tile_noise(size_px, 3, rng)[..., None]
     color *= 1 + staining * stain * np.array((1.0, 0.4, -0.3), np.float32)
     color *= (1 - 0.18 * np.clip(pits, 0, 1))[..., None]
-    return lit(color, height.astype(np.float32), rng, roughness=0.87)
+    return darken_hollows(color, height.astype(np.float32), rng, roughness=0.87)
 
 
 RECIPES: dict[str, Recipe] = {

@@ -57,15 +57,15 @@ def with_dust(tree: NodeTree, color: Socket, roughness: Any, dust_m: float) -> S
     height_m = tree.math("SUBTRACT", above[2], ground)
     share = tree.math("DIVIDE", height_m, tree.math("MULTIPLY", size, dust_m))
     ragged = tree.math("MULTIPLY", share, tree.math("MULTIPLY_ADD", roughness, 1.4, 0.4))
-    foot = tree.math("MULTIPLY", tree.clamped("SUBTRACT", 1.0, ragged), MAX_DUST)
+    foot = tree.math("MULTIPLY", tree.clamp("SUBTRACT", 1.0, ragged), MAX_DUST)
     upward = tree.add("SeparateXYZ", {0: geometry.outputs["Normal"]}).outputs[2]
-    top = tree.clamped("MULTIPLY_ADD", upward, 2.0, -1.3)
+    top = tree.clamp("MULTIPLY_ADD", upward, 2.0, -1.3)
     cover = tree.math("MAXIMUM", foot, tree.math("MULTIPLY", top, DUST_ON_TOP))
-    uneven = tree.scaled(dust, tree.math("MULTIPLY_ADD", roughness, 0.5, 0.7))
+    uneven = tree.scale(dust, tree.math("MULTIPLY_ADD", roughness, 0.5, 0.7))
     dusty = tree.color_mix(cover, color, uneven).outputs[MIX_RESULT]
     # Fines at the very contact are damp and in the pores' shade.
-    dark = tree.clamped("MULTIPLY_ADD", share, (1 - CONTACT) / CONTACT_SHARE, CONTACT)
-    return tree.scaled(dusty, dark)
+    dark = tree.clamp("MULTIPLY_ADD", share, (1 - CONTACT) / CONTACT_SHARE, CONTACT)
+    return tree.scale(dusty, dark)
 
 
 def with_rims(
@@ -95,18 +95,18 @@ def with_rims(
         surface = _with_tracks(tree, surface, texel.outputs["Color"])
     near = texel.outputs["Alpha"]
     gain = 1 / (1 - DARK_FROM)
-    dark = tree.clamped("MULTIPLY_ADD", near, gain, -DARK_FROM * gain)
+    dark = tree.clamp("MULTIPLY_ADD", near, gain, -DARK_FROM * gain)
     if fines is None:
         share = tree.math("MULTIPLY", dark, 1 - DARKEST)
         return _darkened(tree, surface, share), texel
-    share = tree.clamped("MULTIPLY", near, 1 / FINES_FROM)
+    share = tree.clamp("MULTIPLY", near, 1 / FINES_FROM)
     share = tree.math("MULTIPLY", share, MAX_FINES)
     brightness = tree.math("MULTIPLY_ADD", dark, DARKEST - FINES_BRIGHTNESS, FINES_BRIGHTNESS)
     color, _ = through_haze(
-        tree, tree.scaled(fines[:3] if isinstance(fines, tuple) else fines, brightness)
+        tree, tree.scale(fines[:3] if isinstance(fines, tuple) else fines, brightness)
     )
     inputs: dict[str | int, Any] = {"Color": color, "Roughness": FINES_ROUGHNESS}
-    return tree.mixed(share, surface, tree.add("BsdfDiffuse", inputs).outputs[0]), texel
+    return tree.mix(share, surface, tree.add("BsdfDiffuse", inputs).outputs[0]), texel
 
 
 def _with_tracks(tree: NodeTree, surface: Socket, passed: Socket) -> Socket:
@@ -116,7 +116,7 @@ def _with_tracks(tree: NodeTree, surface: Socket, passed: Socket) -> Socket:
     for end, value in zip(ends, tree.add("SeparateXYZ", {0: passed}).outputs, strict=True):
         is_passed = tree.math("LESS_THAN", value, end)
         # Sharp, but not stepped: from one texel to the next, values rise from 0.
-        is_track = tree.clamped("MULTIPLY", value, 255.0)
+        is_track = tree.clamp("MULTIPLY", value, 255.0)
         track = tree.math("MAXIMUM", track, tree.math("MULTIPLY", is_passed, is_track))
     return _darkened(tree, surface, tree.math("MULTIPLY", track, TRACK_DARKENING))
 
@@ -124,7 +124,7 @@ def _with_tracks(tree: NodeTree, surface: Socket, passed: Socket) -> Socket:
 def _darkened(tree: NodeTree, surface: Socket, share: Socket) -> Socket:
     """Return a surface that reflects a share of its light less."""
     black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
-    return tree.mixed(share, surface, black)
+    return tree.mix(share, surface, black)
 
 
 def contact_image(contact: ContactMap | None) -> Any:

@@ -19,7 +19,7 @@ import bpy
 import cv2
 import numpy as np
 
-from oaisys_core.color import encoded
+from oaisys_core.color import encode_srgb
 from oaisys_core.procedural.contact_map import ContactMap
 from oaisys_core.procedural.textures.levels import MIN_PX
 from oaisys_core.render.blender.compat import node_tree_of
@@ -177,7 +177,7 @@ def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
     masks = [cv2.resize(m, (size, size), interpolation=cv2.INTER_AREA) for m in material.masks]
     pixels = np.ones((size, size, 4), np.float32)
     means = mean_colors(material, images)
-    np.multiply(encoded(np.stack(masks, axis=-1) @ means), BYTE, out=pixels[..., :3])
+    np.multiply(encode_srgb(np.stack(masks, axis=-1) @ means), BYTE, out=pixels[..., :3])
     return new_image("ground_mean", pixels, is_float=False, is_color=True)
 
 

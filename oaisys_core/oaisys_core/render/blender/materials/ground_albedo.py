@@ -23,7 +23,7 @@ from oaisys_core.procedural.textures.borders import (
     LayerBorder,
     borders,
     keys,
-    mixed,
+    mix,
 )
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.raycast.surface import View, bands
@@ -199,7 +199,7 @@ class GroundAlbedo:
             if result is None:
                 result, below = texel, key
                 continue
-            factor, below = mixed(key, below, self._borders[level][index - 1])
+            factor, below = mix(key, below, self._borders[level][index - 1])
             result = result + (texel - result) * factor[..., None]
         return np.asarray(result[..., :3], np.float32)
 

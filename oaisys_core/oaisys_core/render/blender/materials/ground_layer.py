@@ -96,7 +96,7 @@ class MaterialLevel(NamedTuple):
     finer: int
     footprint_m: float
 
-    def seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
+    def level_of(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
         """Return the level of a texture set for this footprint, if a tile is ``tile_m`` wide."""
         levels = self.images.levels(maps)
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self.footprint_m)]
@@ -128,7 +128,7 @@ class LayerNodes:
         place = self._position
         if axes is not None:
             parts = tree.add("SeparateXYZ", {0: self._position}).outputs
-            place = tree.combined(parts[axes[0]], parts[axes[1]], 0.0)
+            place = tree.combine(parts[axes[0]], parts[axes[1]], 0.0)
         self._plane = Plane(place, axes)
         self._nudge = level.nudge(axes, 0)
 
@@ -168,7 +168,7 @@ class LayerNodes:
         if maps.subsurface:
             below = tree.vector("MULTIPLY", color, BELOW_SURFACE)
             inside, _ = diffuse(tree, below, roughness, self._normal)
-            surface = tree.mixed(maps.subsurface, surface, inside)
+            surface = tree.mix(maps.subsurface, surface, inside)
         if self._level.tables.glossy[id(maps)]:
             unit = tree.vector("NORMALIZE", normal)
             surface = add_gloss(tree, surface, roughness, unit)
@@ -184,7 +184,7 @@ class LayerNodes:
         parts: list[Socket] = [0.0, 0.0, 0.0]
         for component, axis in enumerate(plane.axes):
             parts[axis] = tree.component(slope, component)
-        return tree.combined(*parts)
+        return tree.combine(*parts)
 
     def _tiling(self, layer: TerrainLayer) -> Tiling:
         """Return how a layer's texture is laid onto this plane."""
@@ -197,7 +197,7 @@ class LayerNodes:
     def _lookups(self, index: int, nudge: Socket) -> tuple[PbrMaps, list[TextureLookup]]:
         """Return the texture set that is seen of a layer, and where, moved by a nudge."""
         layer, plane = self._level.material.layers[index], self._plane
-        maps = self._level.seen(layer.maps, layer.maps.tile_m)
+        maps = self._level.level_of(layer.maps, layer.maps.tile_m)
         if layer.label_image is not None and plane.axes is not None:
             # Labels of such a layer are projected from above, so its colours must be, too.
             plane = Plane(self._position, plane.axes)
@@ -235,7 +235,7 @@ class LayerNodes:
             return None
         tree = self._tree
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
-        image = self._images.height(self._level.seen(maps, size_m))
+        image = self._images.height(self._level.level_of(maps, size_m))
         texel = tree.add("TexImage", {"Vector": self._plane.place}, image=image)
         # The node's own mapping is a matrix; a separate node would evaluate sine and cosine.
         texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
@@ -255,7 +255,7 @@ class LayerNodes:
         inputs: dict[str | int, Any] = {0: self._position, 1: ALONG_BEDS}
         along = tree.add("VectorMath", inputs, operation="DOT_PRODUCT").outputs["Value"]
         height = tree.add("SeparateXYZ", {0: self._position}).outputs["Z"]
-        beds = self._pattern(tree.combined(along, height, 0.0), BED_SCALE, BED_CONTRAST, macro)
+        beds = self._pattern(tree.combine(along, height, 0.0), BED_SCALE, BED_CONTRAST, macro)
         return tree.vector("MULTIPLY", factor, beds)
 
     def _pattern(

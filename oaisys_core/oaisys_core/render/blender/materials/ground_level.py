@@ -66,10 +66,10 @@ class LevelNodes:
             tree.math("ABSOLUTE", part) for part in tree.add("SeparateXYZ", {0: normal}).outputs
         )
         slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
-        steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
-        turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
-        sides = tree.mixed(turn, self._projected((0, 2)), self._projected((1, 2)))
-        return tree.mixed(steep, self._projected(None), sides)
+        steep = tree.clamp("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
+        turn = tree.clamp("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
+        sides = tree.mix(turn, self._projected((0, 2)), self._projected((1, 2)))
+        return tree.mix(steep, self._projected(None), sides)
 
     def _projected(self, axes: Axes) -> Socket:
         """Return the surface of all layers, projected onto a plane."""
@@ -107,7 +107,7 @@ class LevelNodes:
         for index, border in enumerate(self._borders(), start=1):
             number, channel = divmod(index, CHANNELS)
             if channel == 0:
-                weights = self._weights.sockets(tree, number, tree.scaled(color, NUDGE))
+                weights = self._weights.sockets(tree, number, tree.scale(color, NUDGE))
             make = partial(self._with_layer, axes, index, border)
             inputs = {0: color, 1: key, 2: picked, 3: weights[channel]}
             outputs = ("Color", "Float", "Float")
@@ -134,10 +134,10 @@ class LevelNodes:
     ) -> tuple[Socket, Socket, Socket]:
         """Return colour, key and picked layer of a layer and those before it."""
         nodes = LayerNodes(tree, self._level, axes)
-        texel, height = nodes.color_and_height(index, tree.scaled(color, NUDGE))
+        texel, height = nodes.color_and_height(index, tree.scale(color, NUDGE))
         above = tree.math("SUBTRACT", _key(tree, height, weight), below)
         side = tree.math("TANH", tree.math("MULTIPLY", above, float(border.slope)))
-        factor = tree.clamped("MULTIPLY_ADD", side, float(border.gain), 0.5)
+        factor = tree.clamp("MULTIPLY_ADD", side, float(border.gain), 0.5)
         color = tree.color_mix(factor, color, texel).outputs[MIX_RESULT]
         below = tree.math("MULTIPLY_ADD", above, factor, below)
         both = tree.math("SUBTRACT", factor, tree.math("MULTIPLY", factor, factor))
@@ -177,7 +177,7 @@ class LevelNodes:
 
     def _borders(self) -> list[LayerBorder]:
         level = self._level
-        seen = [level.seen(layer.maps, layer.maps.tile_m) for layer in self._layers]
+        seen = [level.level_of(layer.maps, layer.maps.tile_m) for layer in self._layers]
         return borders([level.images.heights(maps).variance for maps in seen])
 
 

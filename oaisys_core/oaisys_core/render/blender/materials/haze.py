@@ -56,7 +56,7 @@ def clear_share(tree: NodeTree, haze: Haze, distance_m: Socket) -> Socket:
     """Return the transmittance of the air, by colour, over a distance."""
     factor = -np.array(haze.extinction_per_m) / np.log(2.0)
     # As a power of two, because there is no vector operation for exponentials.
-    return tree.vector("POWER", 2.0, tree.scaled(tuple(factor.tolist()), distance_m))
+    return tree.vector("POWER", 2.0, tree.scale(tuple(factor.tolist()), distance_m))
 
 
 def _before_materials(

@@ -29,12 +29,12 @@ def land_place(tree: NodeTree, land: LandMasks, position: Socket) -> Socket:
     start = 0.5 / land.rows - gain * log(land.nearest_m)
     v = tree.math("MULTIPLY_ADD", tree.math("LOGARITHM", distance_m, e), gain, start)
     v = tree.math("MINIMUM", tree.math("MAXIMUM", v, 0.5 / land.rows), 1 - 0.5 / land.rows)
-    return tree.combined(u, v, 0.0)
+    return tree.combine(u, v, 0.0)
 
 
 def land_share(tree: NodeTree, land: LandMasks, position: Socket) -> Socket:
     """Return the weight of these masks over the stage's, as `LandMasks.share_at` does."""
-    return tree.clamped("MULTIPLY", _distance_m(tree, land.extent_m, position), 1 / land.patch_m)
+    return tree.clamp("MULTIPLY", _distance_m(tree, land.extent_m, position), 1 / land.patch_m)
 
 
 def land_relief(tree: NodeTree, detail: LandDetail, extent_m: Extent) -> Socket:
@@ -51,7 +51,7 @@ def land_relief(tree: NodeTree, detail: LandDetail, extent_m: Extent) -> Socket:
         texel.texture_mapping.rotation[2] = band.turn_rad
         texel.texture_mapping.scale = (1.0 / band.period_m,) * 3
         texel.texture_mapping.translation = (*band.start, 0.0)
-        share = tree.clamped("MULTIPLY", distance_m, 1 / band.complete_m)
+        share = tree.clamp("MULTIPLY", distance_m, 1 / band.complete_m)
         raised = tree.math("MULTIPLY", texel.outputs["Alpha"], band.deviation_m * RANGE)
         height_m = tree.math("MULTIPLY_ADD", raised, share, height_m)
     return height_m

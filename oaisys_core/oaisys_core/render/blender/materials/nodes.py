@@ -65,17 +65,17 @@ class NodeTree:
         inputs: dict[str | int, Any] = {"Factor": factor, MIX_FIRST: first, MIX_SECOND: second}
         return self.add("Mix", inputs, data_type="RGBA")
 
-    def scaled(self, vector: Any, factor: Any) -> Socket:
+    def scale(self, vector: Any, factor: Any) -> Socket:
         """Return a vector times a scalar."""
         node = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
         return node.outputs[0]
 
-    def clamped(self, operation: str, *operands: Any) -> Socket:
+    def clamp(self, operation: str, *operands: Any) -> Socket:
         """Return the result of a scalar operation, clamped to [0, 1]."""
         node = self.add("Math", dict(enumerate(operands)), operation=operation, use_clamp=True)
         return node.outputs[0]
 
-    def combined(self, x: Any, y: Any, z: Any) -> Socket:
+    def combine(self, x: Any, y: Any, z: Any) -> Socket:
         """Return a vector of three scalars."""
         return self.add("CombineXYZ", {0: x, 1: y, 2: z}).outputs[0]
 
@@ -89,7 +89,7 @@ class NodeTree:
         node = self.add("VectorMath", {0: vector, 1: tuple(unit)}, operation="DOT_PRODUCT")
         return node.outputs["Value"]
 
-    def mixed(self, factor: Any, first: Socket, second: Socket) -> Socket:
+    def mix(self, factor: Any, first: Socket, second: Socket) -> Socket:
         """Return a surface that blends from the first (factor 0) to the second (1)."""
         return self.add("MixShader", {0: factor, 1: first, 2: second}).outputs[0]
 
@@ -135,7 +135,7 @@ class NodeTree:
         mixture = self.mixed(is_beyond, lower, upper)
         return self.freed(is_beyond, mixture) if frees_stack else mixture
 
-    def freed(self, factor: Socket, mixture: Socket) -> Socket:
+    def free_factor(self, factor: Socket, mixture: Socket) -> Socket:
         """Return a mixture whose factor is taken off Cycles' stack once the mixture is evaluated.
 
         Cycles keeps the factor of each mixture of surfaces for good, unless another node uses it

@@ -67,14 +67,14 @@ def rock_material(maps: PbrMaps, images: ImageStore, dust_m: float) -> Any:
         tree.add("Attribute", attribute_type="INSTANCER", attribute_name=SIZE).outputs["Fac"],
         info.outputs["Location"],
     )
-    place = tree.scaled(position, 1.0 / maps.tile_m)
+    place = tree.scale(position, 1.0 / maps.tile_m)
     least, range_ = ROCK_BRIGHTNESS
     brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
     airlight: Socket = None
     surfaces = []
     levels = images.levels(maps)
     for level in levels:
-        color = tree.scaled(_box(tree, images.color(level), place).outputs["Color"], brightness)
+        color = tree.scale(_box(tree, images.color(level), place).outputs["Color"], brightness)
         height = _box(tree, images.height(level), place).outputs["Color"]
         if dust_m:
             color = with_dust(tree, color, height, dust_m)
@@ -86,7 +86,7 @@ def rock_material(maps: PbrMaps, images: ImageStore, dust_m: float) -> Any:
     bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
     seen = tree.by_footprint(bounds_m, surfaces)
     red, green, blue = mean_color(levels[-1])
-    color = tree.scaled((red, green, blue), brightness)
+    color = tree.scale((red, green, blue), brightness)
     mean = tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
     show(tree, without_detail(tree, seen, mean), airlight)
     return result
@@ -97,7 +97,7 @@ def without_detail(tree: NodeTree, seen: Socket, mean: Socket) -> Socket:
 
     Indirect light from a surface hardly depends on its detail.
     """
-    return tree.mixed(tree.add("LightPath").outputs["Is Diffuse Ray"], seen, mean)
+    return tree.mix(tree.add("LightPath").outputs["Is Diffuse Ray"], seen, mean)
 
 
 def plain_material(color_srgb: tuple[float, float, float]) -> Any:
@@ -148,7 +148,7 @@ def show(tree: NodeTree, surface: Socket, airlight: Socket, height_m: Socket = N
     tree.add("OutputMaterial", outputs)
 
 
-def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
+def color_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
     """Return a material of a prototype's own colours, stored in its mesh; None without any."""
     if prototype.color_image_srgb is not None and prototype.uv is not None:
         result = new_material(prototype.name)
@@ -173,12 +173,12 @@ def _show_leaves(tree: NodeTree, color: Socket) -> None:
     """Let light through leaves; brightness differs from instance to instance."""
     least, range_ = PLANT_BRIGHTNESS
     random = tree.add("ObjectInfo").outputs["Random"]
-    color = tree.scaled(color, tree.math("MULTIPLY_ADD", random, range_, least))
+    color = tree.scale(color, tree.math("MULTIPLY_ADD", random, range_, least))
     surface, airlight = diffuse(tree, color, ROUGHNESS, None)
     through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
     behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]
     share = tree.add("Attribute", attribute_name=PAINT).outputs["Alpha"]
-    show(tree, tree.mixed(share, surface, behind), airlight)
+    show(tree, tree.mix(share, surface, behind), airlight)
 
 
 def _from_picture(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
@@ -224,10 +224,10 @@ def add_gloss(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket
         normal: In ``map``, unit length.
     """
     slope = 1 / (DULL - SHINY)
-    film = tree.clamped("MULTIPLY_ADD", roughness, -slope, DULL * slope)
+    film = tree.clamp("MULTIPLY_ADD", roughness, -slope, DULL * slope)
     fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
     seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
     inputs: dict[str | int, Socket] = {"Color": seen, "Roughness": roughness, "Normal": normal}
     mirror = tree.add("BsdfGlossy", inputs).outputs[0]
     share = tree.math("MULTIPLY", fresnel, film)
-    return tree.freed(share, tree.mixed(share, surface, mirror))
+    return tree.free_factor(share, tree.mix(share, surface, mirror))

@@ -47,7 +47,7 @@ class TilingNodes:
 
     def _voronoi(self, tiling: VoronoiTiling, place: Socket) -> list[TextureLookup]:
         tree = self._tree
-        at = tree.scaled(place, 1.0 / tiling.period_tiles)
+        at = tree.scale(place, 1.0 / tiling.period_tiles)
         moves = self._lookup(tiling.moves, at, "Closest")
         weight = self._lookup(tiling.weights, at, "Linear")
         angle, shift_u, shift_v = tree.add("SeparateColor", {"Color": moves}).outputs
@@ -55,7 +55,7 @@ class TilingNodes:
         turned = tree.add(
             "VectorRotate", {"Vector": place, "Angle": angle}, rotation_type="Z_AXIS"
         ).outputs[0]
-        moved = tree.vector("ADD", turned, tree.combined(shift_u, shift_v, 0.0))
+        moved = tree.vector("ADD", turned, tree.combine(shift_u, shift_v, 0.0))
         return [
             TextureLookup(moved, weight, angle),
             TextureLookup(place, tree.math("SUBTRACT", 1.0, weight)),
@@ -63,7 +63,7 @@ class TilingNodes:
 
     def _stochastic(self, tiling: StochasticTiling, place: Socket) -> list[TextureLookup]:
         tree = self._tree
-        cell = tree.scaled(place, 1.0 / tiling.cell_tiles)
+        cell = tree.scale(place, 1.0 / tiling.cell_tiles)
         x, y = tree.component(cell, 0), tree.component(cell, 1)
         x = tree.math("MULTIPLY_ADD", y, -1 / sqrt(3), x)
         y = tree.math("MULTIPLY", y, 2 / sqrt(3))
@@ -76,8 +76,8 @@ class TilingNodes:
             tree.math("MULTIPLY_ADD", is_upper, rest, s),
             tree.math("MULTIPLY_ADD", is_upper, rest, t),
         )
-        corner = tree.combined(column, row, 0.0)
-        both = tree.combined(is_upper, is_upper, 0.0)
+        corner = tree.combine(column, row, 0.0)
+        both = tree.combine(is_upper, is_upper, 0.0)
         steps: tuple[Socket, ...] = (both, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
         powers = [tree.math("POWER", share, CRISPNESS) for share in shares]
         total = tree.math("ADD", tree.math("ADD", powers[0], powers[1]), powers[2])

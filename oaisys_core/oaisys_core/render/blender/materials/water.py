@@ -55,13 +55,13 @@ def water_material(prototype: MeshPrototype) -> Any:
     paint = tree.add("Attribute", attribute_name=PAINT)
     body, airlight = diffuse(tree, paint.outputs["Color"], 0.5, None)
     clear = tree.add("BsdfTransparent").outputs[0]
-    below = tree.mixed(paint.outputs["Alpha"], clear, body)
+    below = tree.mix(paint.outputs["Alpha"], clear, body)
     normal = _ripples(tree, MAX_SLOPE * water.waves)
     fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
     seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
     inputs: dict[str | int, Any] = {"Color": seen, "Roughness": ROUGHNESS, "Normal": normal}
     mirror = tree.add("BsdfGlossy", inputs).outputs[0]
-    show(tree, tree.mixed(fresnel, below, mirror), airlight)
+    show(tree, tree.mix(fresnel, below, mirror), airlight)
     return result
 
 
@@ -70,9 +70,9 @@ def wet(tree: NodeTree, surface: Socket, bank_m: tuple[float, float]) -> Socket:
     low_m, high_m = bank_m
     height_m = tree.add("SeparateXYZ", {0: tree.add("NewGeometry").outputs["Position"]}).outputs[2]
     width_m = max(high_m - low_m, 1e-3)
-    share = tree.clamped("MULTIPLY_ADD", height_m, -1 / width_m, high_m / width_m)
+    share = tree.clamp("MULTIPLY_ADD", height_m, -1 / width_m, high_m / width_m)
     black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
-    return tree.mixed(tree.math("MULTIPLY", share, WET_DARKENING), surface, black)
+    return tree.mix(tree.math("MULTIPLY", share, WET_DARKENING), surface, black)
 
 
 def _ripples(tree: NodeTree, slope: float) -> Socket:
@@ -81,13 +81,13 @@ def _ripples(tree: NodeTree, slope: float) -> Socket:
     image = new_image("ripples", _ripple_pixels(), is_float=True, is_color=False)
     # Further away, a pixel sees many ripples, whose mean slope is small.
     distance_m = tree.add("CameraData").outputs["View Distance"]
-    near = tree.clamped("DIVIDE", RIPPLES_TO_M, distance_m)
+    near = tree.clamp("DIVIDE", RIPPLES_TO_M, distance_m)
     slopes: Socket = (0.0, 0.0, 0.0)
     for tile_m in RIPPLE_TILES_M:
-        place = tree.scaled(position, 1 / tile_m)
+        place = tree.scale(position, 1 / tile_m)
         texel = tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
         slopes = tree.vector("MULTIPLY_ADD", texel, (slope / 2**0.5, slope / 2**0.5, 0.0), slopes)
-    slopes = tree.vector("ADD", tree.scaled(slopes, near), (0.0, 0.0, 1.0))
+    slopes = tree.vector("ADD", tree.scale(slopes, near), (0.0, 0.0, 1.0))
     return tree.vector("NORMALIZE", slopes)
 
 

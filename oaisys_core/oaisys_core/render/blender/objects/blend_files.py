@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import encoded
+from oaisys_core.color import encode_srgb
 from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
@@ -153,7 +153,7 @@ def _base_color(thing: Any) -> NDArray[np.uint8] | None:
     shader = _principled(thing)
     if shader is None:
         return None
-    return encoded(np.array(shader.inputs["Base Color"].default_value[:3]))
+    return encode_srgb(np.array(shader.inputs["Base Color"].default_value[:3]))
 
 
 def _plain_colors(part: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:

@@ -54,7 +54,7 @@ def before_sky(tree: NodeTree, sky: Sky, clouds: Clouds, ray: Socket, color: Soc
     """Return the colour of clouds before a sky of ``color``, along unit vectors ``ray``."""
     x, y, up = tree.add("SeparateXYZ", {0: ray}).outputs
     up = tree.math("MAXIMUM", up, 0.0)
-    level = tree.combined(x, y, 0.0)
+    level = tree.combine(x, y, 0.0)
     threshold = NOISE_MEAN + NOISE_DEVIATION * NormalDist().inv_cdf(
         min(max(1 - clouds.cover, 1e-6), 1 - 1e-6)
     )
@@ -72,22 +72,22 @@ def before_sky(tree: NodeTree, sky: Sky, clouds: Clouds, ray: Socket, color: Soc
         coarse = _noise(tree, _place(tree, clouds, level, away_km), is_fine=False)
         noise = tree.math("MULTIPLY_ADD", coarse, COARSE_SHARE, fine)
         excess = tree.math("SUBTRACT", noise, threshold + RISE_OF_NOISE * rise**1.5 - EDGE / 2)
-        opaque = tree.clamped("DIVIDE", excess, EDGE)
+        opaque = tree.clamp("DIVIDE", excess, EDGE)
         clear = tree.math("EXPONENT", tree.math("DIVIDE", away_km, -VISIBILITY_KM))
         share = tree.math("MULTIPLY", tree.math("SMOOTH_MIN", opaque, 1.0, 0.2), clear)
         # Thick clouds let less light down to their undersides.
-        thick = tree.clamped("DIVIDE", excess, RISE_OF_NOISE)
+        thick = tree.clamp("DIVIDE", excess, RISE_OF_NOISE)
         shade = tree.math("MULTIPLY_ADD", thick, -(1 - DARKEST) * (1 - rise), 1.0)
-        radiance = tree.scaled(tuple(lit.tolist()), tree.math("MULTIPLY", shade, bright))
+        radiance = tree.scale(tuple(lit.tolist()), tree.math("MULTIPLY", shade, bright))
         change = tree.vector("SUBTRACT", radiance, color)
-        color = tree.vector("ADD", color, tree.scaled(change, share))
+        color = tree.vector("ADD", color, tree.scale(change, share))
     return color
 
 
 def _place(tree: NodeTree, clouds: Clouds, level: Socket, away_km: Socket) -> Socket:
     """Return the place in the pattern at a distance along the level part of a ray."""
     sizes = tree.math("DIVIDE", away_km, clouds.size_m / 1000)
-    return tree.vector("ADD", tree.scaled(level, sizes), (*clouds.start, 0.0))
+    return tree.vector("ADD", tree.scale(level, sizes), (*clouds.start, 0.0))
 
 
 def _noise(tree: NodeTree, place: Socket, *, is_fine: bool) -> Socket:

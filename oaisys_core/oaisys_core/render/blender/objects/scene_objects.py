@@ -9,11 +9,11 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from oaisys_core.raycast.solids import tessellated
+from oaisys_core.raycast.solids import tessellate
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.materials.surfaces import (
+    color_material,
     paint_vertices,
-    painted_material,
     plain_material,
     rock_material,
 )
@@ -180,7 +180,7 @@ class SceneObjects:
             paint_vertices(prototype, mesh, prototype.water.opacity)
             return water_material(prototype)
         if maps is None:
-            painted = painted_material(prototype, mesh)
+            painted = color_material(prototype, mesh)
             return painted or plain_material(prototype.color_srgb)
         key = (id(maps), prototype.dust_m)
         if key not in self._rock_materials:
@@ -198,7 +198,7 @@ def _looks_like(before: Primitive, now: Primitive) -> bool:
 
 
 def _solid(primitive: Primitive) -> Any:
-    triangles = tessellated(primitive)
+    triangles = tessellate(primitive)
     is_round = primitive.shape == "sphere"
     mesh = new_mesh(primitive.shape, triangles.vertices_m, triangles.triangles, smooth=is_round)
     mesh.materials.append(plain_material(primitive.color_srgb))

@@ -47,7 +47,7 @@ class Background:
         if sky.sun_disc > 0:
             color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
 
-        def shown(color: Socket) -> Socket:
+        def with_color(color: Socket) -> Socket:
             """Return the background of a sky of this colour."""
             if sky.shows_plain:
                 color = _above_ground(tree, sky, direction, color)
@@ -55,13 +55,13 @@ class Background:
                 color = _behind_haze(tree, sky, sky.haze, ray, color)
             return tree.add("Background", {"Color": color}).outputs[0]
 
-        surface = shown(color)
+        surface = with_color(color)
         if sky.clouds is not None and sky.hdri is None:
             seen = tree.add("LightPath").outputs
             is_seen = tree.math("MAXIMUM", seen["Is Camera Ray"], seen["Is Glossy Ray"])
             # A background of its own, which Cycles evaluates for these rays only.
-            surface = tree.mixed(
-                is_seen, surface, shown(before_sky(tree, sky, sky.clouds, ray, color))
+            surface = tree.mix(
+                is_seen, surface, with_color(before_sky(tree, sky, sky.clouds, ray, color))
             )
         tree.add("OutputWorld", {"Surface": surface})
 
@@ -70,7 +70,7 @@ class Background:
             "VectorRotate", {"Vector": ray, "Angle": -hdri.rotation_rad}, rotation_type="Z_AXIS"
         ).outputs[0]
         texel = tree.add("TexEnvironment", {"Vector": turned}, image=self._image)
-        return tree.scaled(texel.outputs["Color"], hdri.strength)
+        return tree.scale(texel.outputs["Color"], hdri.strength)
 
     def _keep_image(self, image: SkyImage | None) -> None:
         if image is self._image_of:
@@ -85,21 +85,21 @@ def _sky_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
     if sky.model == "none":
         return _constant(tree, (0.0, 0.0, 0.0))
     if sky.model == "plain":
-        return tree.scaled(_gradient_color(tree, sky, ray), sky.sky_strength)
+        return tree.scale(_gradient_color(tree, sky, ray), sky.sky_strength)
     node = tree.add("TexSky")
     set_up_sky_node(node, sky)
-    return tree.scaled(node.outputs[0], SKY_SCALE * sky.sky_strength)
+    return tree.scale(node.outputs[0], SKY_SCALE * sky.sky_strength)
 
 
 def _gradient_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
     gradient = sky.gradient
     up = tree.math("MAXIMUM", _up(tree, ray), 0.0)
     zenith, horizon = np.array(gradient.zenith), np.array(gradient.horizon)
-    change = tree.scaled(tuple((zenith - horizon).tolist()), tree.math("SQRT", up))
+    change = tree.scale(tuple((zenith - horizon).tolist()), tree.math("SQRT", up))
     color = tree.vector("ADD", change, gradient.horizon)
     angle = tree.math("ARCCOSINE", _towards_sun(tree, sky, ray))
     share = tree.math("EXPONENT", tree.math("DIVIDE", angle, -gradient.glow_rad))
-    return tree.vector("ADD", color, tree.scaled(gradient.glow, share))
+    return tree.vector("ADD", color, tree.scale(gradient.glow, share))
 
 
 def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
@@ -108,13 +108,13 @@ def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
     radiance = sky.sun_disc * sky.sun_strength_w_m2 / (pi * sin(radius) ** 2)
     inside = tree.math("GREATER_THAN", _towards_sun(tree, sky, ray), cos(radius))
     is_seen = tree.math("MULTIPLY", inside, tree.add("LightPath").outputs["Is Camera Ray"])
-    return tree.scaled(tuple(radiance * share for share in sun_color(sky)), is_seen)
+    return tree.scale(tuple(radiance * share for share in sun_color(sky)), is_seen)
 
 
 def _not_below(tree: NodeTree, ray: Socket) -> Socket:
     """Return a direction, made horizontal if it points down: there the sky is as at the horizon."""
     x, y, z = tree.add("SeparateXYZ", {0: ray}).outputs
-    return tree.combined(x, y, tree.math("MAXIMUM", z, 0.0))
+    return tree.combine(x, y, tree.math("MAXIMUM", z, 0.0))
 
 
 def _above_ground(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:

@@ -79,7 +79,7 @@ class Mover:
         if self.foot_m is not None:
             yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
             T = pose_on_ground(ground, (T[0, 3], T[1, 3]), yaw_rad, self.foot_m)
-        return scaled(T, self.scale)
+        return scale_pose(T, self.scale)
 
     @cached_property
     def _way_m(self) -> FloatArray:
@@ -88,7 +88,7 @@ class Mover:
     def tracks_at(self, sample_id: int, time_s: float | None = None) -> WheelTracks:
         """Return the tracks at a sample, or at a time; the points are always the same array."""
         length_m = np.linalg.norm(np.diff(self._way_m, axis=0), axis=1).sum()
-        share = self.trajectory.driven_m(sample_id, time_s) / max(length_m, 1e-9)
+        share = self.trajectory.way_behind_m(sample_id, time_s) / max(length_m, 1e-9)
         wheel_y_m, width_m = self.scale * WHEEL_Y, self.scale * WHEEL_WIDTH
         return WheelTracks(self._way_m, wheel_y_m, width_m, min(float(share), 1.0))
 
@@ -221,7 +221,7 @@ class AssetGenerator:
 
     def _add_object(self, thing: ObjectConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"object/{thing.name}")
-        T_map_object = fixed_pose(thing, self._ground, f"assets.objects.{thing.name}")
+        T_map_object = static_pose(thing, self._ground, f"assets.objects.{thing.name}")
         look = self._library.prototype(thing, rng, plant_m=thing.scale)
         self._add_single(look, thing, T_map_object, instance_id)
 
@@ -265,27 +265,27 @@ def single(
     return Placement(prototype, semantic_ids, T_map_object[None], ids)
 
 
-def scaled(T_map_object: FloatArray, scale: float) -> FloatArray:
+def scale_pose(T_map_object: FloatArray, scale: float) -> FloatArray:
     """Return a (4, 4) pose with its rotation multiplied by a scale."""
     T = T_map_object.copy()
     T[:3, :3] *= scale
     return T
 
 
-def fixed_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
+def static_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
     """Return the (4, 4) pose with scale of an object at a fixed place; ``field`` is for errors.
 
     Raises:
         InvalidInputError: It should stand on the ground, but is outside the stage.
     """
-    T = geometry.pose_to_matrix(geometry.checked_pose(config.position_m, config.quat_xyzw))
+    T = geometry.pose_to_matrix(geometry.check_pose(config.position_m, config.quat_xyzw))
     if config.on_ground:
         ground_m = float(ground.height_at([config.position_m[:2]])[0])
         if not np.isfinite(ground_m):
             path = f"{field}.position_m"
             raise InvalidInputError(path, list(config.position_m), "a position on the stage")
         T[2, 3] += ground_m
-    return scaled(T, config.scale)
+    return scale_pose(T, config.scale)
 
 
 def make_primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:

@@ -14,7 +14,7 @@ from oaisys_core.world.modules.assets.drawing import AssetPlacement
 from oaisys_core.world.modules.assets.metadata import GroupEdit, ObjectEdit
 
 
-def changed_placement(
+def edit_placement(
     each: AssetPlacement, group: GroupEdit, edits: Sequence[tuple[int, ObjectEdit]]
 ) -> Placement:
     """Return a placement after edits of its group and of single instances."""
@@ -26,13 +26,13 @@ def changed_placement(
     row_of = {instance_id: row for row, instance_id in enumerate(placement.instance_ids.tolist())}
     for instance_id, edit in edits:
         row = row_of[instance_id]
-        T_map_object[row] = edited_pose(T_map_object[row], edit)
+        T_map_object[row] = edit_pose(T_map_object[row], edit)
         if edit.hidden is not None:
             is_shown[row] = not edit.hidden
-    return shown(replace(placement, T_map_object=T_map_object), is_shown)
+    return without_hidden(replace(placement, T_map_object=T_map_object), is_shown)
 
 
-def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
+def edit_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
     """Return a (4, 4) pose with uniform scale after an edit."""
     from scipy.spatial.transform import Rotation
 
@@ -46,7 +46,7 @@ def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
     return T
 
 
-def changed_primitives(
+def edit_primitives(
     primitives: tuple[Primitive, ...], edits: Mapping[int, ObjectEdit]
 ) -> tuple[Primitive, ...]:
     """Return the primitives after edits, without hidden ones; the same tuple without edits."""
@@ -58,13 +58,13 @@ def changed_primitives(
         if edit is None:
             result.append(primitive)
         elif not edit.hidden:
-            pose = edited_pose(primitive.T_map_object, edit.model_copy(update={"scale": 1.0}))
+            pose = edit_pose(primitive.T_map_object, edit.model_copy(update={"scale": 1.0}))
             a, b, c = (size_m * edit.scale for size_m in primitive.size_m)
             result.append(replace(primitive, T_map_object=pose, size_m=(a, b, c)))
     return tuple(result)
 
 
-def shown(placement: Placement, is_shown: NDArray[np.bool_]) -> Placement:
+def without_hidden(placement: Placement, is_shown: NDArray[np.bool_]) -> Placement:
     """Return a placement without its hidden instances, ``is_shown`` (N,); itself if none is."""
     if is_shown.all():
         return placement

@@ -11,18 +11,23 @@ import numpy as np
 from oaisys_core import randomness
 from oaisys_core.config.section import Labelled
 from oaisys_core.config.sections.objects import ShapedConfig
-from oaisys_core.errors import InvalidInputError, quoted
-from oaisys_core.procedural.scatter.ids import added_id
+from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.procedural.scatter.ids import id_of_added
 from oaisys_core.procedural.scatter.shapes import PLANTS
 from oaisys_core.raycast.clearance import MAX_EXTENTS
 from oaisys_core.scene import Ground, MeshPrototype, Placement
 from oaisys_core.system.interruption import stop_if_unwanted
 from oaisys_core.world.module import World, require
-from oaisys_core.world.modules.assets.drawing import AssetPlacement, DrawnAssets, fixed_pose, single
+from oaisys_core.world.modules.assets.drawing import (
+    AssetPlacement,
+    DrawnAssets,
+    single,
+    static_pose,
+)
 from oaisys_core.world.modules.assets.edit_functions import (
-    changed_placement,
-    changed_primitives,
-    shown,
+    edit_placement,
+    edit_primitives,
+    without_hidden,
 )
 from oaisys_core.world.modules.assets.metadata import (
     PART,
@@ -115,8 +120,8 @@ class EditedAssets:
             if semantic_id not in self._cache.own_labels
         }
         check_labels(metadata, labels)
-        for name, spec in metadata.added.items():
-            fixed_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
+        for name, spec in metadata.additions.items():
+            static_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
 
     @property
     def groups(self) -> list[str]:
@@ -128,7 +133,7 @@ class EditedAssets:
         x0, y0, x1, y1 = self._ground.extent_m
         reach_m = MAX_EXTENTS * max(x1 - x0, y1 - y0)
         centre_m = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.0))
-        places = {f"add.{name}": spec.position_m for name, spec in metadata.added.items()} | {
+        places = {f"add.{name}": spec.position_m for name, spec in metadata.additions.items()} | {
             f"objects.{key}": edit.position_m
             for key, edit in metadata.objects.items()
             if edit is not None and edit.position_m is not None
@@ -148,11 +153,11 @@ class EditedAssets:
             self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
             for index, each in enumerate(self._cache.placements)
         ]
-        placements += [self._added(name, spec) for name, spec in metadata.added.items()]
+        placements += [self._added(name, spec) for name, spec in metadata.additions.items()]
         world.placements = _kept(world.placements, placements)
         edits_of_all = metadata.object_edits
         if edits_of_all != self._cache.edits:
-            world.primitives = changed_primitives(self._drawn.primitives, edits_of_all)
+            world.primitives = edit_primitives(self._drawn.primitives, edits_of_all)
             self._cache.edits = edits_of_all
         world.prototypes = _kept(world.prototypes, self._cache.prototypes)
         self._label(metadata)
@@ -199,7 +204,7 @@ class EditedAssets:
             return each.placement
         known = self._cache.changed.get(index)
         if known is None or known[0] != change or known[1] is not each.placement:
-            known = (change, each.placement, changed_placement(each, group, edits))
+            known = (change, each.placement, edit_placement(each, group, edits))
             self._cache.changed[index] = known
         return known[2]
 
@@ -207,9 +212,9 @@ class EditedAssets:
         known = self._cache.changed.get(name)
         if known is None or known[0] != spec:
             prototype = self._prototype_of(name, spec)
-            T_map_object = fixed_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
-            placement = single(prototype, spec.semantic_ids, T_map_object, added_id(name))
-            visible = shown(placement, np.array([not spec.hidden]))
+            T_map_object = static_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
+            placement = single(prototype, spec.semantic_ids, T_map_object, id_of_added(name))
+            visible = without_hidden(placement, np.array([not spec.hidden]))
             known = self._cache.changed[name] = (spec, placement, visible)
         return known[2]
 
@@ -229,7 +234,7 @@ class EditedAssets:
     def _label(self, metadata: AssetMetadata) -> None:
         """Add the labels of added objects, and remove those of objects that are gone."""
         labels = self._world.semantic_labels
-        wanted = {k: v for spec in metadata.added.values() for k, v in spec.labels.items()}
+        wanted = {k: v for spec in metadata.additions.values() for k, v in spec.labels.items()}
         for semantic_id in self._cache.own_labels - wanted.keys():
             del labels[semantic_id]
         self._cache.own_labels &= wanted.keys()
@@ -246,12 +251,12 @@ def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
         InvalidInputError: Its path begins with ``metadata.asset.add``.
     """
     names = dict(labels)
-    for name, spec in metadata.added.items():
+    for name, spec in metadata.additions.items():
         for semantic_id, label in spec.labels.items():
             known = names.setdefault(semantic_id, label)
             if known != label:
                 path = f"metadata.{PART}.add.{name}.label"
-                raise InvalidInputError(path, label, f"{quoted(known)}, the name of {semantic_id}")
+                raise InvalidInputError(path, label, f"{quote(known)}, the name of {semantic_id}")
 
 
 def _kept(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:

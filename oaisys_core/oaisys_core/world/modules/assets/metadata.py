@@ -15,7 +15,7 @@ from oaisys_core.config.sections.objects import (
     Quaternion,
     unit_quaternion,
 )
-from oaisys_core.types import merged
+from oaisys_core.types import merge
 
 PART = "asset"
 Factor = Annotated[float, Field(ge=0, le=100)]
@@ -99,7 +99,7 @@ class AssetMetadata(Section):
         return {int(key): edit for key, edit in self.objects.items() if edit is not None}
 
     @property
-    def added(self) -> dict[str, AddedConfig]:
+    def additions(self) -> dict[str, AddedConfig]:
         """The added objects, sorted by name."""
         return {name: spec for name, spec in sorted(self.add.items()) if spec is not None}
 
@@ -110,7 +110,7 @@ def asset_metadata(earlier: Mapping[str, Any], metadata: Mapping[str, Any] | Non
     Raises:
         InvalidInputError: A key is unknown or a value is invalid.
     """
-    data = merged(earlier, metadata)
+    data = merge(earlier, metadata)
     try:
         return AssetMetadata.model_validate(data)
     except ValidationError as error:

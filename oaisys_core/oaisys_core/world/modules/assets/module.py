@@ -12,17 +12,17 @@ from oaisys_core.config.sections.assets import AssetsConfig
 from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import MAX_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
-from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quoted
+from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
 from oaisys_core.procedural.scatter.ids import (
     FIRST_MOVER_ID,
     FIRST_OBJECT_ID,
     InstanceIdPlan,
-    added_id,
+    id_of_added,
 )
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.textures import TEXTURES
 from oaisys_core.scene import Ground, TerrainMaterial
-from oaisys_core.types import ObjectPage, ObjectQuery, merged
+from oaisys_core.types import ObjectPage, ObjectQuery, merge
 from oaisys_core.world.module import Metadata, Module, World, require
 from oaisys_core.world.modules.assets.drawing import AssetGenerator, DrawnAssets
 from oaisys_core.world.modules.assets.edits import EditedAssets, check_labels
@@ -66,7 +66,7 @@ class AssetsModule(Module):
         checked = asset_metadata({}, metadata)
         self._check_groups(checked)
         self._check_added(checked)
-        labels = {k: v for thing in self._config.labelled for k, v in thing.labels.items()}
+        labels = {k: v for thing in self._config.items_with_labels for k, v in thing.labels.items()}
         check_labels(checked, labels)
         for key in checked.objects:
             if not self._plan.knows(int(key)):
@@ -90,21 +90,21 @@ class AssetsModule(Module):
         things = self._drawn(require(world.ground), material, checked, rng)
         world.primitives = things.primitives
         world.group_counts = things.counts
-        for thing in self._config.labelled:
+        for thing in self._config.items_with_labels:
             world.semantic_labels.update(thing.labels)
-        self._metadata = merged({}, metadata)
+        self._metadata = merge({}, metadata)
         self.changes_by_itself = bool(things.movers)
         self._edited = EditedAssets(things, world, self._library, rng)
         self._edited.apply(checked)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move the movers, and apply the metadata to this and the following samples."""
-        self._metadata = merged(self._metadata, metadata)
+        self._metadata = merge(self._metadata, metadata)
         # If the sample fails, the old state is restored, so it must not be changed in place.
         self._edited = require(self._edited).in_world(world)
         self._edited.apply(asset_metadata({}, self._metadata))
 
-    def listed(self, world: World, metadata: Metadata, query: ObjectQuery) -> ObjectPage:
+    def list_objects(self, world: World, metadata: Metadata, query: ObjectQuery) -> ObjectPage:
         """Return the objects of a world after ``metadata`` is applied, without applying it.
 
         Raises:
@@ -125,7 +125,7 @@ class AssetsModule(Module):
         yield from map(solid, world.primitives)
         names = {FIRST_OBJECT_ID + i: each.name for i, each in enumerate(self._config.objects)}
         names |= {FIRST_MOVER_ID + i: each.name for i, each in enumerate(self._config.movers)}
-        names |= {added_id(name): name for name in metadata.added}
+        names |= {id_of_added(name): name for name in metadata.additions}
         groups = edited.groups
         for index, placement in enumerate(world.placements):
             if not len(placement.instance_ids):
@@ -207,17 +207,17 @@ class AssetsModule(Module):
     def _check_added(self, metadata: AssetMetadata) -> None:
         names = {getattr(thing, "name", "") for _, thing in self._shaped()}
         ids: dict[int, str] = {}
-        for name, spec in metadata.added.items():
+        for name, spec in metadata.additions.items():
             path = f"metadata.{PART}.add.{name}"
             self._library.check(spec, path)
             if spec.prototype is not None and spec.prototype not in names:
                 known = one_of(names, spec.prototype)
                 expected = f"the name of a group, object or mover: {known}"
                 raise InvalidInputError(f"{path}.prototype", spec.prototype, expected)
-            other = ids.setdefault(added_id(name), name)
+            other = ids.setdefault(id_of_added(name), name)
             if other != name:
                 raise InvalidInputError(
-                    path, name, f"a name whose instance id differs from that of {quoted(other)}"
+                    path, name, f"a name whose instance id differs from that of {quote(other)}"
                 )
 
 

@@ -8,7 +8,7 @@ from blender_process import in_blender
 
 from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
-from oaisys_core.procedural.scatter.ids import added_id
+from oaisys_core.procedural.scatter.ids import id_of_added
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 
@@ -66,7 +66,7 @@ def test_blender_sees_each_change_as_rays_do() -> None:
             seen = sample.frame("camera", modality).data
             assert (seen == expected.frame("camera", modality).data).mean() > 0.995
         ids = sample.frame("camera", "instance").data
-        assert (added_id("slab") in ids) == (number == 2)
+        assert (id_of_added("slab") in ids) == (number == 2)
         rover_at.append(np.argwhere(ids == 62_501).mean(axis=0))
     steps_px = np.linalg.norm(np.diff(rover_at, axis=0), axis=1)
     assert np.allclose(steps_px, 45 * 2.0 / 13.5, rtol=0.25), "two metres a sample, seen from 14 m"

@@ -12,7 +12,7 @@ import pytest
 from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.procedural.scatter.ids import FAR, added_id, group_blocks, rock_block
+from oaisys_core.procedural.scatter.ids import FAR, group_blocks, id_of_added, rock_block
 from oaisys_core.scene import HeightField, Placement
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import GroupCount, ModuleMetadata
@@ -265,12 +265,14 @@ def test_things_are_added_by_name_and_go_with_null() -> None:
     before = stand.ids
     stone = {"shape": "boulder", "position_m": [1, 1, 0], "label": "mark", "semantic_id": 77}
     stand.step(add={"mark-1": stone, "mark-2": stone | {"prototype": "stones", "shape": None}})
-    assert sorted({*stand.ids} - {*before}) == sorted([added_id("mark-1"), added_id("mark-2")])
+    assert sorted({*stand.ids} - {*before}) == sorted(
+        [id_of_added("mark-1"), id_of_added("mark-2")]
+    )
     assert stand.world.semantic_labels[77] == "mark"
     first = stand.world.placements[-2]
     stand.step(add={"mark-2": {"position_m": [2, 2, 0]}})
     assert stand.world.placements[-2] is first
-    assert stand.pose(added_id("mark-2"))[:3, 3].tolist() == [2, 2, 0]
+    assert stand.pose(id_of_added("mark-2"))[:3, 3].tolist() == [2, 2, 0]
     stand.step(add={"mark-1": None, "mark-2": None})
     assert stand.ids == before
     assert 77 not in stand.world.semantic_labels
