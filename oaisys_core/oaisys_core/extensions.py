@@ -58,16 +58,16 @@ def load(group: str, name: str) -> Any:
         known = one_of(names(group), name)
         raise ConfigError(f"{group}: received {quote(name)}, expected an installed one: {known}")
     if len(found) > 1:
-        candidates = " and ".join(_described(entry) for entry in found)
+        candidates = " and ".join(_describe(entry) for entry in found)
         raise ConfigError(f"{group}: {quote(name)} is ambiguous: {candidates}")
     try:
         return found[0].load()
     # A broken package may raise anything when it is imported.
     except Exception as error:
-        text = f"{group}: {_described(found[0])} cannot be imported: {quote(error)}"
+        text = f"{group}: {_describe(found[0])} cannot be imported: {quote(error)}"
         raise ConfigError(text) from error
 
 
-def _described(entry: EntryPoint) -> str:
+def _describe(entry: EntryPoint) -> str:
     package = entry.dist.name if entry.dist is not None else "an unknown package"
     return f"{quote(entry.name)} of {package} ({entry.value})"

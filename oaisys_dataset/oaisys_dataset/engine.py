@@ -121,7 +121,7 @@ class _WorldQueue:
                 self._check_begun(begin_until_s)
                 yield Waiting(len(self._parts))
             for stream in ready:
-                yield from self._advanced(stream)
+                yield from self._advance(stream)
 
     def _check_begun(self, until_s: float) -> None:
         """Raise if no worker has begun by a moment; on a cluster, others may use all cores.
@@ -148,9 +148,9 @@ class _WorldQueue:
             stream = self._render.remote(self._config_json, task, self._url)
             self._rendering += 1
             self._tasks[stream] = task
-            self._parts[stream] = self._kept(stream, task)
+            self._parts[stream] = self._follow_parts(stream, task)
 
-    def _advanced(self, stream: Any) -> Iterator[DatasetEvent]:
+    def _advance(self, stream: Any) -> Iterator[DatasetEvent]:
         """Take the next part of a world, and yield what follows from it."""
         part = next(self._parts[stream])
         self._has_begun = True
@@ -166,15 +166,15 @@ class _WorldQueue:
             self._place.delete(failure_name(task.index))
             yield WorldFinished(task.index, part.labels)
 
-    def _kept(self, stream: Any, task: WorldTask) -> _Parts:
+    def _follow_parts(self, stream: Any, task: WorldTask) -> _Parts:
         """Yield the parts of a world when they are written, by the worker or here."""
-        parts = self._received(stream, task)
+        parts = self._receive(stream, task)
         if self._url is None:
             yield next(parts)  # it has begun, or failed before
             parts = write_world(self._place, task, parts)
         yield from parts
 
-    def _received(self, stream: Any, task: WorldTask) -> Generator[Any, None, None]:
+    def _receive(self, stream: Any, task: WorldTask) -> Generator[Any, None, None]:
         """Yield the parts of a world as its task yields them, at last a legend or a failure.
 
         Before the last one, the worker gets its next world, which it makes while this one's shard

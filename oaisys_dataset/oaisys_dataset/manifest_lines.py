@@ -53,7 +53,7 @@ def index_manifests(
         InvalidInputError: A manifest cannot be read.
     """
     with ThreadPoolExecutor(READERS) as threads:
-        return list(threads.map(partial(_indexed, place, name_of, parse), worlds))
+        return list(threads.map(partial(_index, place, name_of, parse), worlds))
 
 
 class ManifestLines(Sequence[RecordT]):
@@ -162,7 +162,7 @@ def _contradictions(
     yield from record.contradictions()
 
 
-def _indexed(
+def _index(
     place: StoragePlace,
     name_of: Callable[[int], str],
     parse: Callable[[bytes, str], RecordT],

@@ -109,7 +109,7 @@ class RaySession:
 
     def start_error(self, reason: str) -> OaisysError:
         """Return an error that says where the logs of Ray are."""
-        return OaisysError(reason if self.folder is None else f"{reason}{_kept_logs(self.folder)}")
+        return OaisysError(reason if self.folder is None else f"{reason}{_keep_logs(self.folder)}")
 
 
 @contextmanager
@@ -127,7 +127,7 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
     except ImportError as error:
         raise ConfigError(f"{error}; `pip install oaisys_core[dataset]` installs Ray") from error
     address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
-    connected = _connected if address else _embedded
+    connected = _connect if address else _embed
     with connected(ray, settings, address or "local") as folder:
         yield RaySession(ray, settings.workers or _slots(ray, settings), folder)
 
@@ -163,12 +163,12 @@ def available_bytes() -> int:
 
 
 @contextmanager
-def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
+def _embed(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
     """Run a Ray of this process alone, and yield its folder."""
     workers = worker_count(settings)
     # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    with _python_environment(), _guarded_folder() as folder:
+    with _python_environment(), _guard_folder() as folder:
         _start(ray, folder, settings, address, workers)
         try:
             yield folder
@@ -197,7 +197,7 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
                     logging_level=logging.ERROR,
                 )
         except Exception as error:  # Ray raises this very class if its daemons take too long
-            logs = "" if left else _kept_logs(folder)
+            logs = "" if left else _keep_logs(folder)
             ray.shutdown()
             session_guard.clear(folder)
             if not left:
@@ -238,7 +238,7 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
             os.environ["TMPDIR"] = before
 
 
-def _kept_logs(folder: Path) -> str:
+def _keep_logs(folder: Path) -> str:
     """Copy the logs of a Ray that is given up, and return where they are, and the machine's load.
 
     Its own folder is removed at its end.
@@ -260,7 +260,7 @@ def _text(path: Path) -> str:
 
 
 @contextmanager
-def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
+def _connect(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     """Connect to a cluster."""
     _check_reachable(address)
     try:
@@ -297,15 +297,15 @@ def _check_reachable(address: str) -> None:
 
 
 @contextmanager
-def _guarded_folder() -> Iterator[Path]:
+def _guard_folder() -> Iterator[Path]:
     """Yield a folder for Ray; at its end, or if this process dies, all that uses it is ended."""
     parent = socket_parent(len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES)
-    with temporary_folder(FOLDER, parent) as folder, _guarded(folder):
+    with temporary_folder(FOLDER, parent) as folder, _guard(folder):
         yield folder
 
 
 @contextmanager
-def _guarded(folder: Path) -> Iterator[None]:
+def _guard(folder: Path) -> Iterator[None]:
     command = [sys.executable, "-I", "-S", session_guard.__file__, str(folder)]
     guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
     # Set after the guard has started, so that it is not marked itself.

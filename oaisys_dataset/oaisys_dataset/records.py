@@ -48,7 +48,7 @@ class Record:
         Raises:
             InvalidInputError: It is none of this kind.
         """
-        data = _parsed(text, name)
+        data = _parse(text, name)
         known = {each.name for each in fields(cls)}
         if isinstance(data, dict):
             data.pop(SHA256, None)
@@ -142,7 +142,7 @@ def world_name(world: int) -> str:
 def is_intact(text: str | bytes) -> bool:
     """Return whether a record has the hash of its content."""
     try:
-        data = _parsed(text, SHA256)
+        data = _parse(text, SHA256)
         found = data.pop(SHA256)
     except (InvalidInputError, KeyError, AttributeError, TypeError):
         return False
@@ -154,7 +154,7 @@ def _sha256(data: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(kept, separators=(",", ":")).encode()).hexdigest()
 
 
-def _parsed(text: str | bytes, name: str) -> Any:
+def _parse(text: str | bytes, name: str) -> Any:
     """Return the data of a JSON text, within the bounds of `oaisys_core.files.documents`."""
     try:
         return parse_json(text)

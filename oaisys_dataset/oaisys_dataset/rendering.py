@@ -115,7 +115,7 @@ class DatasetRendering:
             InvalidInputError: There is a data set already, or with ``is_resumed`` another one.
             NotReadyError: Another command is writing to it.
         """
-        with _locked(self._place):
+        with _lock_place(self._place):
             self._place.delete_parts()
             earlier = _head(self._place)
             if earlier is not None and not is_resumed:
@@ -222,7 +222,7 @@ def _version(package: str) -> str | None:
 
 
 @contextmanager
-def _locked(place: StoragePlace) -> Iterator[None]:
+def _lock_place(place: StoragePlace) -> Iterator[None]:
     """Keep other commands out of a local folder; a lock ends with its process."""
     if place.folder is None:
         yield

@@ -42,7 +42,7 @@ def clear(folder: Path) -> None:
     """Kill the processes of a session until none is left, and remove its folder."""
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
-        left = list(_marked(folder))
+        left = list(_processes_of_session(folder))
         for process_id in left:
             with suppress(ProcessLookupError):
                 os.kill(process_id, signal.SIGKILL)
@@ -54,7 +54,7 @@ def clear(folder: Path) -> None:
         time.sleep(_PAUSE_S)
 
 
-def _marked(folder: Path) -> Iterator[int]:
+def _processes_of_session(folder: Path) -> Iterator[int]:
     """Yield the ids of the running processes of a session, but for this one and its driver."""
     wanted = f"{MARK}={folder}".encode()
     for entry in os.scandir("/proc"):

@@ -120,14 +120,14 @@ def encode_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> Enc
     """
     images, files = {}, {}
     for modality in sorted(arrays):
-        images[modality], files[modality] = _encoded(record.frame_id, modality, arrays[modality])
+        images[modality], files[modality] = _encode(record.frame_id, modality, arrays[modality])
     # Counting takes 0.5 ms of a 640x480 image, and np.unique, which sorts, 3 to 8 ms.
     counts = np.bincount(np.ravel(arrays.get(SEMANTIC_0, np.empty(0, np.uint16))))
     pixels = {i: int(counts[i]) for i in np.flatnonzero(counts).tolist()}
     return EncodedFrame(replace(record, images=images, label_pixels=pixels), files)
 
 
-def _encoded(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord, bytes]:
+def _encode(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord, bytes]:
     pixels = pixels_to_store(modality, data)
     # Readers of images get core's types, whatever type stores the ids in memory.
     typed = pixels.view(modality_spec(modality).dtype)

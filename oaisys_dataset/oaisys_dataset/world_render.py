@@ -90,7 +90,7 @@ class WorldRenderer:
                     begun_s = now_s
                     if encoding is not None:
                         yield encoding.result()
-                    encoding = encoder.submit(self._encoded, task, view)
+                    encoding = encoder.submit(self._encode, task, view)
                 if encoding is not None:
                     yield encoding.result()
             doing = f"{task.views} views"
@@ -108,19 +108,19 @@ class WorldRenderer:
         self._simulation.restore({"last_batch_id": task.index, "batch": None})
         self._simulation.step_batch(seed=task.seed)
 
-    def _encoded(self, task: WorldTask, view: _View) -> EncodedView:
+    def _encode(self, task: WorldTask, view: _View) -> EncodedView:
         by_sensor: dict[str, list[Frame]] = {}
         for frame in view.sample.frames:
             by_sensor.setdefault(frame.sensor, []).append(frame)
         scans = view.sample.scans
-        shared = self._shared_fields(task, view, max(1, len(by_sensor) + len(scans)))
+        shared = self._common_fields(task, view, max(1, len(by_sensor) + len(scans)))
         return EncodedView(
             view.number,
-            tuple(_encoded_frame(frames, shared, view.sun_deg) for frames in by_sensor.values()),
-            tuple(_encoded_scan(scan, shared) for scan in scans),
+            tuple(_encode_frame(frames, shared, view.sun_deg) for frames in by_sensor.values()),
+            tuple(_encode_scan(scan, shared) for scan in scans),
         )
 
-    def _shared_fields(self, task: WorldTask, view: _View, records: int) -> dict[str, Any]:
+    def _common_fields(self, task: WorldTask, view: _View, records: int) -> dict[str, Any]:
         """Return the fields that are equal in the records of a view's frames and scans."""
         sample = view.sample
         return {
@@ -156,7 +156,7 @@ class WorldRenderer:
         return WorldLegend(dict(self._simulation.info().semantic_labels), instances)
 
 
-def _encoded_frame(
+def _encode_frame(
     frames: Sequence[Frame], shared: Mapping[str, Any], sun_deg: tuple[float, float]
 ) -> EncodedFrame:
     """Return the frame of a camera from its images at a view."""
@@ -175,7 +175,7 @@ def _encoded_frame(
     return encode_frame(record, {frame.modality: frame.data for frame in frames})
 
 
-def _encoded_scan(scan: LidarScan, shared: Mapping[str, Any]) -> EncodedScan:
+def _encode_scan(scan: LidarScan, shared: Mapping[str, Any]) -> EncodedScan:
     scan_id = frame_id(shared["world"], shared["view"], scan.sensor)
     points, file = encode_scan_points(scan_id, scan)
     record = ScanRecord(
@@ -195,11 +195,11 @@ def _rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
 def software(simulation: Simulation) -> dict[str, str]:
     """Return the versions of what renders, by name."""
     info = simulation.info()
-    return {**_installed(), info.backend: info.backend_version}
+    return {**_versions(), info.backend: info.backend_version}
 
 
 @cache
-def _installed() -> dict[str, str]:
+def _versions() -> dict[str, str]:
     packages = ("oaisys_core", "numpy", "open3d")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 

@@ -97,7 +97,7 @@ def distance_field(
     low = np.ceil(np.asarray(low_m, np.float64) / size_m - 1e-6).astype(np.int64)
     high = np.floor(np.asarray(high_m, np.float64) / size_m + 1e-6).astype(np.int64) + 1
     observed = volume.observations(low, high)
-    distance_m = _signed(observed, size_m)
+    distance_m = _with_sign(observed, size_m)
     if unknown_is_occupied and not observed.is_known.all():
         away_m = distance_transform_edt(observed.is_known, sampling=size_m)
         is_free = distance_m > 0
@@ -106,7 +106,7 @@ def distance_field(
     return DistanceField(low * size_m, size_m, distance_m.astype(np.float32))
 
 
-def _signed(observed: ObservedVoxels, size_m: float) -> FloatArray:
+def _with_sign(observed: ObservedVoxels, size_m: float) -> FloatArray:
     """Return distances, positive in front of the surface and negative behind it."""
     is_inside = observed.is_known & (observed.distance_m < 0)
     is_outside = observed.is_known & ~is_inside

@@ -81,7 +81,9 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     triangles = np.asarray(mesh.triangles, np.int32)
     if not len(triangles):
         raise InvalidInputError(field, str(path), "a mesh file with triangles")
-    if len(vertices_m) < _announced(path, b"vertex") or len(triangles) < _announced(path, b"face"):
+    if len(vertices_m) < _count_in_header(path, b"vertex") or len(triangles) < _count_in_header(
+        path, b"face"
+    ):
         raise InvalidInputError(field, str(path), "a complete file; this one is truncated")
     if not np.isfinite(vertices_m).all():
         raise InvalidInputError(field, str(path), "a mesh with finite coordinates")
@@ -133,7 +135,7 @@ def _header(path: Path) -> bytes:
     return content[: content.find(end) + len(end)] if end in content else b""
 
 
-def _announced(path: Path, element: bytes) -> int:
+def _count_in_header(path: Path, element: bytes) -> int:
     """Return the number of an element that a PLY file's header announces; 0 for other files.
 
     Open3D returns a part of a truncated file without an error.

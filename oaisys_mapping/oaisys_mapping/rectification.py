@@ -35,10 +35,10 @@ def rectify_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
         return camera
     right, bottom = camera.width_px - 1, camera.height_px - 1
     u, v = np.linspace(0, right, BORDER_POINTS), np.linspace(0, bottom, BORDER_POINTS)
-    x0 = _undistorted_pixels(camera, np.zeros_like(v), v)[:, 0].max()
-    x1 = _undistorted_pixels(camera, np.full_like(v, right), v)[:, 0].min()
-    y0 = _undistorted_pixels(camera, u, np.zeros_like(u))[:, 1].max()
-    y1 = _undistorted_pixels(camera, u, np.full_like(u, bottom))[:, 1].min()
+    x0 = _undistort_pixels(camera, np.zeros_like(v), v)[:, 0].max()
+    x1 = _undistort_pixels(camera, np.full_like(v, right), v)[:, 0].min()
+    y0 = _undistort_pixels(camera, u, np.zeros_like(u))[:, 1].max()
+    y1 = _undistort_pixels(camera, u, np.full_like(u, bottom))[:, 1].min()
     fx, fy = float(right / (x1 - x0)), float(bottom / (y1 - y0))
     return PinholeIntrinsics(
         camera.width_px, camera.height_px, fx, fy, float(-x0 * fx), float(-y0 * fy)
@@ -103,7 +103,7 @@ def _source_positions(camera: PinholeIntrinsics) -> FloatArray:
     return np.asarray(v_u.reshape(2, camera.height_px, camera.width_px))
 
 
-def _undistorted_pixels(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
+def _undistort_pixels(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
     pixels = np.column_stack(((u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px))
     return undistort(pixels, camera.distortion)
 

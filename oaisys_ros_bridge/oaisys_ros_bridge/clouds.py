@@ -45,7 +45,7 @@ def cloud_to_msg(
         missing = ~np.isfinite(points_m[..., 0] + points_m[..., 1] + points_m[..., 2])
     if missing.any():
         cloud[missing, :3] = np.nan
-    cloud.view(np.uint32)[..., 3] = 0 if rgb is None else _packed(rgb)
+    cloud.view(np.uint32)[..., 3] = 0 if rgb is None else _pack_rgb(rgb)
     return _message(buffer_of(cloud), (height, width), header, is_dense=False)
 
 
@@ -79,7 +79,7 @@ def depth_to_cloud_msg(
     Coordinates are computed in double precision and rounded once.
     """
     every = (slice(None, None, options.stride),) * 2
-    z = _kept(depth_m[every], options)
+    z = _depths_of_kept(depth_m[every], options)
     height, width = z.shape
     data = array.array("B", bytes(CLOUD_POINT.itemsize * z.size))
     cloud = np.frombuffer(data, dtype="<f4").reshape(height, width, 4)
@@ -96,7 +96,7 @@ def depth_to_cloud_msg(
     return _message(data, (height, width), header, is_dense=False)
 
 
-def _kept(depth_m: NDArray[np.float32], options: CloudOptions) -> NDArray[np.float32]:
+def _depths_of_kept(depth_m: NDArray[np.float32], options: CloudOptions) -> NDArray[np.float32]:
     """Return the depths of points, NaN elsewhere."""
     is_point = np.isfinite(depth_m)
     if options.min_depth_m > 0:
@@ -216,7 +216,7 @@ def _fields() -> list[PointField]:
     ]
 
 
-def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
+def _pack_rgb(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
     """Return 0x00RRGGBB of (..., 3) colours."""
     red, green, blue = (rgb[..., channel].astype(np.uint32) for channel in range(3))
     packed: NDArray[np.uint32] = red << np.uint32(16) | green << np.uint32(8) | blue

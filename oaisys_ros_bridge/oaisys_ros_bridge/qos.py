@@ -15,7 +15,7 @@ def _reliable(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def _latched(depth: int) -> QoSProfile:
+def _latch(depth: int) -> QoSProfile:
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
@@ -45,12 +45,12 @@ CLOCK_QOS = _reliable(10)
 NEWEST_QOS = _reliable(1)
 """Commands of which only the newest counts."""
 
-LATCHED_QOS = _latched(1)
+LATCHED_QOS = _latch(1)
 """Legends, meshes, mounts, receipts: late subscribers get the last message."""
 
-PATH_QOS = _latched(2 * SENSOR_DEPTH)
+PATH_QOS = _latch(2 * SENSOR_DEPTH)
 """The path: published with each sample, and again for late subscribers."""
 
-LATCHED_HISTORY_QOS = _latched(100)
+LATCHED_HISTORY_QOS = _latch(100)
 """Frusta, which are published one by one; and subscriptions to what several nodes latch: receipts,
 static transforms."""

@@ -153,7 +153,7 @@ def _run(settings: Settings, chosen: list[str]) -> dict[str, str]:
     console.print(", ".join(f"{name} {value}" for name, value in facts.items()), highlight=False)
     by_topic: dict[str, list[Figure]] = {}
     failures: dict[str, str] = {}
-    progress = TopicProgress(console, {name: _expected_s(name, settings) for name in chosen})
+    progress = TopicProgress(console, {name: _estimate_s(name, settings) for name in chosen})
     for name in chosen:
         progress.begin(name)
         try:
@@ -171,7 +171,7 @@ def _run(settings: Settings, chosen: list[str]) -> dict[str, str]:
     return failures
 
 
-def _expected_s(name: str, settings: Settings) -> float:
+def _estimate_s(name: str, settings: Settings) -> float:
     return TOPICS[name].quick_s if settings.quick else TOPICS[name].full_s
 
 

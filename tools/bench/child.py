@@ -67,7 +67,7 @@ def run_job(
     log = settings.out / "logs" / f"{job}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     command = python_command("tools.bench.child", f"tools.bench.jobs.{module}", function)
-    process = _started(command, log, core_of, cores)
+    process = _start(command, log, core_of, cores)
     try:
         result = _result(process, {"settings": settings.to_dict(), **arguments}, say, timeout_s)
         process.wait(PATIENCE_S)
@@ -78,7 +78,7 @@ def run_job(
     return result
 
 
-def _started(
+def _start(
     command: Sequence[str], log: Path, core_of: Path | None, cores: Collection[int]
 ) -> subprocess.Popen[bytes]:
     # Found before the installed package, which is this checkout's; the tools stay this one's.

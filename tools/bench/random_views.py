@@ -53,7 +53,7 @@ def random_views(count: int, stage: StageSurface, rng: np.random.Generator) -> l
     """
     poses: list[Pose] = []
     for _ in range(count * TRIES):
-        pose = _drawn(stage, rng)
+        pose = _draw_pose(stage, rng)
         if pose is not None and shows_stage(stage.depth(pose), stage.extent_m):
             poses.append(pose)
         if len(poses) == count:
@@ -61,7 +61,7 @@ def random_views(count: int, stage: StageSurface, rng: np.random.Generator) -> l
     raise ValueError(f"found {len(poses)} of {count} views in {count * TRIES} draws")
 
 
-def _drawn(stage: StageSurface, rng: np.random.Generator) -> Pose | None:
+def _draw_pose(stage: StageSurface, rng: np.random.Generator) -> Pose | None:
     """Return a random pose, or None if something is within `FREE_M` of the camera."""
     x0, y0, x1, y1 = stage.extent_m
     middle, half = np.array((x0 + x1, y0 + y1)) / 2, np.array((x1 - x0, y1 - y0)) / 2

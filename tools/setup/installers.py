@@ -229,7 +229,7 @@ def pip_progress(output: str, wanted: int, site_packages: Path) -> ProgramProgre
     """Return the progress of pip, from its output and the installed packages."""
     lines = output.splitlines()
     if any(line.startswith("Installing collected packages") for line in lines):
-        return _installed(wanted, site_packages)
+        return _find_progress(wanted, site_packages)
     starts = ("Collecting ", "Requirement already satisfied", "Obtaining ")
     collected = min(sum(line.startswith(starts) for line in lines), wanted)
     return ProgramProgress(f"{collected} of {wanted} packages collected", 0.5 * collected / wanted)
@@ -238,7 +238,7 @@ def pip_progress(output: str, wanted: int, site_packages: Path) -> ProgramProgre
 def uv_progress(output: str, wanted: int, site_packages: Path) -> ProgramProgress:
     """Return the progress of uv, from its output and the installed packages."""
     if re.search(r"^Prepared ", output, re.MULTILINE):
-        return _installed(wanted, site_packages)
+        return _find_progress(wanted, site_packages)
     sizes = re.findall(r"^Downloading (\S+) \(([\d.]+)([KMG])iB\)", output, re.MULTILINE)
     size_mb = {name: float(size) * _MEGABYTES[unit] for name, size, unit in sizes}
     arrived = re.findall(r"^ Downloaded (\S+)", output, re.MULTILINE)
@@ -251,7 +251,7 @@ def uv_progress(output: str, wanted: int, site_packages: Path) -> ProgramProgres
     )
 
 
-def _installed(wanted: int, site_packages: Path) -> ProgramProgress:
+def _find_progress(wanted: int, site_packages: Path) -> ProgramProgress:
     count = sum(1 for _ in site_packages.glob("*.dist-info"))  # pip itself among them
     installed = min(count, wanted)
     return ProgramProgress(

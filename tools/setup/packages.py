@@ -32,10 +32,10 @@ def check_machine(environment: Environment, *, keep: bool) -> None:
         return
     if root.exists() and any(root.iterdir()) and not (root / "pyvenv.cfg").is_file():
         raise SetupError(f"{root} exists and is no virtual environment: choose another VENV")
-    check_disk(root, NEEDED_DISK_GB, lambda: _held_gb(root))
+    check_disk(root, NEEDED_DISK_GB, lambda: _gb_on_disk(root))
 
 
-def _held_gb(root: Path) -> float:
+def _gb_on_disk(root: Path) -> float:
     """Return how much of what is needed an earlier set-up has put on the disk already."""
     cache = uv_cache(root, NEEDED_DISK_GB)
     cached_gb = folder_gb(cache.folder) if cache is not None and cache.linked else 0.0
@@ -76,7 +76,7 @@ def install_pinned(installer: Installer, requirements: Path, renew: Callable[[],
     Raises:
         SetupError: uv and pip failed.
     """
-    pinned = _pinned_versions(requirements)
+    pinned = _versions_by_package(requirements)
     if installer.bring_uv(pinned["uv"]) and installer.with_uv(
         len(pinned), "--requirement", str(requirements)
     ):
@@ -90,7 +90,7 @@ def install_pinned(installer: Installer, requirements: Path, renew: Callable[[],
     installer.with_pip(len(pinned), "--requirement", str(rest))
 
 
-def _pinned_versions(requirements: Path) -> dict[str, str]:
+def _versions_by_package(requirements: Path) -> dict[str, str]:
     """Return the versions in a requirements file, by package."""
     return dict(re.findall(r"^([\w.-]+)==(\S+)$", requirements.read_text(), re.MULTILINE))
 

@@ -50,7 +50,7 @@ class Display:
     def say(self, text: str) -> None:
         """Print a line; the bar, if there is one, moves below it at its next update."""
         with self._lock:
-            self._write(f"{self._erased()}setup: {text}\n")
+            self._write(f"{self._erase()}setup: {text}\n")
 
     def show(self, progress: ProgramProgress, elapsed_s: float) -> None:
         """Show how far a program is."""
@@ -61,9 +61,9 @@ class Display:
             done = round(min(max(progress.share, 0.0), 1.0) * _BAR_WIDTH)
             bar = "#" * done + "." * (_BAR_WIDTH - done)
             line = f"setup: [{bar}] {progress.text}, {elapsed_s:.0f} s"
-            self._write(self._erased() + line[: shutil.get_terminal_size().columns - 1])
+            self._write(self._erase() + line[: shutil.get_terminal_size().columns - 1])
 
-    def _erased(self) -> str:
+    def _erase(self) -> str:
         return "\r\x1b[K" if self._is_terminal else ""
 
     def _write(self, text: str) -> None:

@@ -57,7 +57,7 @@ def audit(
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     with own_stdout():
-        found = _audited(chosen, batches, views)
+        found = _audit(chosen, batches, views)
     figures = [
         {
             "sensor": f.sensor,
@@ -81,7 +81,7 @@ def audit(
         )
 
 
-def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditResult]:
+def _audit(config: SimulationConfig, batches: int, views: int) -> list[AuditResult]:
     import numpy as np
 
     from oaisys_core.simulation import Simulation

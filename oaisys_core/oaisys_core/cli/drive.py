@@ -103,7 +103,7 @@ def drive(
             if not planned.sample_count():
                 expected = "a drive so long that an image or a scan is due"
                 raise InvalidInputError("drive", f"{planned.duration_s:g} s", expected)
-            recorded = _recorded(simulation, planned, chosen, out, open_bag, unavailable)
+            recorded = _record(simulation, planned, chosen, out, open_bag, unavailable)
         finally:
             simulation.close()
     if write_report is not None:
@@ -188,7 +188,7 @@ def _say_plan(planned: DrivePlan) -> None:
         typer.echo(f"the rover stops in front of {planned.obstacle}", err=True)
 
 
-def _recorded(
+def _record(
     simulation: Simulation,
     planned: Drive,
     config: SimulationConfig,

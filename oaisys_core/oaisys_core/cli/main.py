@@ -57,7 +57,7 @@ class _InstalledCommands(_Commands):
     """Imports the module of a sub-command only when that command is used."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return sorted(_installed())
+        return sorted(_commands_by_name())
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; for an unknown choice of an option, suggest a similar one."""
@@ -75,12 +75,12 @@ class _InstalledCommands(_Commands):
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        entry = _installed().get(cmd_name)
+        entry = _commands_by_name().get(cmd_name)
         return None if entry is None else _load(entry)
 
 
 @cache
-def _installed() -> Mapping[str, EntryPoint]:
+def _commands_by_name() -> Mapping[str, EntryPoint]:
     """Return the sub-commands by name; searching all installed packages takes 30 ms."""
     return {entry.name: entry for entry in reversed(list(entry_points(group=COMMAND_GROUP)))}
 

@@ -72,7 +72,7 @@ def repeat(
         simulation = Simulation(chosen)
         try:
             for each in source.read(wanted):
-                different += not _repeated(simulation, each, chosen, least_psnr)
+                different += not _repeat(simulation, each, chosen, least_psnr)
                 count += 1
         finally:
             simulation.close()
@@ -82,7 +82,7 @@ def repeat(
         raise DifferentSampleError(f"{different} of {count} samples differ from the record")
 
 
-def _repeated(
+def _repeat(
     simulation: Simulation, record: RecordedSample, config: SimulationConfig, least_psnr_db: float
 ) -> bool:
     """Render a sample again, print how it compares, and return whether it is the same."""

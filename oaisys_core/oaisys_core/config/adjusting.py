@@ -43,24 +43,24 @@ def adjust(
     if quality is not None:
         data["render"].update(quality=quality, samples=None, max_samples=None, max_bounces=None)
     if size is not None:
-        size_px = _parsed(size)
+        size_px = _parse(size)
         for kind in ("cameras", "stereo"):
             cameras = getattr(config.sensors, kind)
-            data["sensors"][kind] = [_resized(camera, *size_px) for camera in cameras]
+            data["sensors"][kind] = [_resize(camera, *size_px) for camera in cameras]
     try:
         return SimulationConfig.model_validate(data)
     except ValidationError as error:
         raise refusal(error, data, SimulationConfig) from error
 
 
-def _parsed(size: str) -> tuple[int, int]:
+def _parse(size: str) -> tuple[int, int]:
     match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", size)
     if match is None:
         raise InvalidInputError("size", size, "WIDTHxHEIGHT in pixels, such as 320x240")
     return int(match[1]), int(match[2])
 
 
-def _resized(camera: CameraConfig, width_px: int, height_px: int) -> dict[str, Any]:
+def _resize(camera: CameraConfig, width_px: int, height_px: int) -> dict[str, Any]:
     x, y = width_px / camera.width_px, height_px / camera.height_px
     # Pixel centres are at integers, so an image extends from -0.5 to size - 0.5.
     cx_px = None if camera.cx_px is None else (camera.cx_px + 0.5) * x - 0.5

@@ -147,7 +147,7 @@ def refusal(error: ValidationError, data: object, kind: Any, *path: str) -> Inva
     return InvalidInputError(where, fault.received, fault.expected + fault.hint)
 
 
-def _known_keys(kind: Any, data: Any, path: Iterable[int | str]) -> set[str]:
+def _keys_of_section(kind: Any, data: Any, path: Iterable[int | str]) -> set[str]:
     """Return the keys of the section at a path below a type, or of all that it may be."""
     kinds = _alternatives(kind, data)
     for part in path:
@@ -209,19 +209,19 @@ def _fault(detail: ErrorDetails, data: object, data_kind: Any) -> ConfigFault:
         kind = MISSING_KEY
     if kind == MISSING_KEY:
         received = None
-    expected, statement = _expected(detail)
+    expected, statement = _expectation(detail)
     if kind == UNKNOWN_KEY:
         *place, key = location
-        expected = one_of_keys(_known_keys(data_kind, data, place), key)
+        expected = one_of_keys(_keys_of_section(data_kind, data, place), key)
     return ConfigFault(location, received, expected, kind, statement)
 
 
-def _expected(detail: ErrorDetails) -> tuple[str, str | None]:
+def _expectation(detail: ErrorDetails) -> tuple[str, str | None]:
     """Return what was expected, and the statement of a check that is worded differently."""
     kind, context = detail["type"], detail.get("ctx", {})
     words = WORDS.get(kind)
     if words is not None:
-        return words.format_map({key: _shown(value) for key, value in context.items()}), None
+        return words.format_map({key: _show(value) for key, value in context.items()}), None
     is_own = kind in ("value_error", "assertion_error")
     text = str(context["error"]) if is_own else detail["msg"]
     if text.startswith("expected "):
@@ -229,7 +229,7 @@ def _expected(detail: ErrorDetails) -> tuple[str, str | None]:
     return f"another value: {text}", text
 
 
-def _shown(value: Any) -> str:
+def _show(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     return str(value)

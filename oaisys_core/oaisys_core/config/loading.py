@@ -38,7 +38,7 @@ def load_config(path: Path) -> SimulationConfig:
         data = {}
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: received a {type(data).__name__}, expected a mapping")
-    return _checked(data, base=path.parent, source=str(path), root=root)
+    return _check(data, base=path.parent, source=str(path), root=root)
 
 
 def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> SimulationConfig:
@@ -47,7 +47,7 @@ def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> Simulat
     Raises:
         ConfigError: One line per error.
     """
-    return _checked(data, base=base, source="config", root=None)
+    return _check(data, base=base, source="config", root=None)
 
 
 def with_lines(path: Path, faults: Iterable[str]) -> list[str]:
@@ -74,7 +74,7 @@ def config_sha256(config: SimulationConfig) -> str:
     return hashlib.sha256(canonical_json(config).encode()).hexdigest()
 
 
-def _checked(
+def _check(
     data: Mapping[str, Any], base: Path, source: str, root: yaml.Node | None
 ) -> SimulationConfig:
     try:

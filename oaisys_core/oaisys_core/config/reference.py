@@ -58,13 +58,13 @@ def _references(node: Schema) -> Iterator[tuple[str, str]]:
         yield node["$ref"].rpartition("/")[2], ""
     for option in (*node.get("anyOf", ()), *node.get("oneOf", ())):
         yield from _references(option)
-    inner = ("[]", node.get("items")), (".*", _mapped(node))
+    inner = ("[]", node.get("items")), (".*", _mapping_values(node))
     for suffix, value in inner:
         if isinstance(value, Mapping):
             yield from ((name, suffix + rest) for name, rest in _references(value))
 
 
-def _mapped(node: Schema) -> Any:
+def _mapping_values(node: Schema) -> Any:
     """Return the schema of a mapping's values, whose keys may have to match a pattern."""
     return next(iter(node.get("patternProperties", {}).values()), node.get("additionalProperties"))
 
@@ -109,10 +109,10 @@ def _value(node: Schema) -> str:
         return " or ".join(dict.fromkeys(_value(option) for option in options))
     if "$ref" in node:
         return "section"
-    return _typed(node)
+    return _type_in_words(node)
 
 
-def _typed(node: Schema) -> str:
+def _type_in_words(node: Schema) -> str:
     kind = node.get("type", "any")
     if kind == "array":
         if "prefixItems" in node:
@@ -121,7 +121,7 @@ def _typed(node: Schema) -> str:
             return f"{len(items)} times {items[0]}" if same else f"[{', '.join(items)}]"
         return f"list of {_value(node['items'])}" if "items" in node else "list"
     if kind == "object":
-        inner = _mapped(node)
+        inner = _mapping_values(node)
         return f"mapping to {_value(inner)}" if isinstance(inner, Mapping) else "mapping"
     if kind == "string":
         return {"path": "path", "date-time": "date and time"}.get(node.get("format", ""), "text")

@@ -68,7 +68,7 @@ class Within:
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         """Check after the range itself, so that errors refer to the whole field."""
-        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -79,7 +79,7 @@ class Within:
         pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
         return {"anyOf": [number, pair]}
 
-    def _checked(self, value: tuple[float, float]) -> tuple[float, float]:
+    def _check(self, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] < self.least or value[1] > self.most:
             raise ValueError(f"expected numbers from {self.least:g} to {self.most:g}")
         return value

@@ -102,7 +102,7 @@ class Drive:
         self.plan = plan or plan_drive(drive_section(config), heights)
         self._imus = {imu.name: imu for imu in config.sensors.imus}
         self._spans_s = _spans_s(config)
-        rates = _chosen(_sensor_rates(config, self.plan), sensors)
+        rates = _choose(_sensor_rates(config, self.plan), sensors)
         self.rates_hz = {rate.name: rate.rate_hz for rate in rates}
         self.imu_names = frozenset(self._imus).intersection(self.rates_hz)
         self._rendered = frozenset(self.rates_hz) - {*self._imus, ODOMETRY}
@@ -221,7 +221,7 @@ def _sensor_rates(config: SimulationConfig, plan: DrivePlan) -> list[SensorRate]
     return [*rates, SensorRate(ODOMETRY, plan.odometry_rate_hz)]
 
 
-def _chosen(rates: Sequence[SensorRate], names: Sequence[str]) -> Sequence[SensorRate]:
+def _choose(rates: Sequence[SensorRate], names: Sequence[str]) -> Sequence[SensorRate]:
     """Return the rates of the named sensors; of all if none is named.
 
     Raises:

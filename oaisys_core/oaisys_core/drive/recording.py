@@ -112,7 +112,7 @@ class DriveWriter:
             ("data.csv", IMU_COLUMNS, values),
             ("bias.csv", BIAS_COLUMNS, biases),
         ):
-            rows = _stamped(stamps, table)
+            rows = _stamp(stamps, table)
             write_text(self._out / name / file, csv_text([columns, *rows]))
         return len(stamps)
 
@@ -134,5 +134,5 @@ class DriveWriter:
         return len(poses)
 
 
-def _stamped(times_ns: Sequence[int], table: FloatArray) -> list[Sequence[object]]:
+def _stamp(times_ns: Sequence[int], table: FloatArray) -> list[Sequence[object]]:
     return [(t, *row) for t, row in zip(times_ns, table.tolist(), strict=True)]

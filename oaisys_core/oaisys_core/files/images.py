@@ -111,7 +111,7 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
         use.check(*image_size(data), name)
     except ValueError as error:
         raise use.refusal(name, error) from error
-    return _decoded(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
+    return _decode(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
 
 
 def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
@@ -130,10 +130,10 @@ def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
     use.check(width, height, str(path))
     # A header of our own, because another reader may find another size in that of the file.
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width)
-    return _decoded(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
+    return _decode(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
 
 
-def _decoded(data: bytes, use: ImageUse, name: str, flags: int) -> NDArray[Any]:
+def _decode(data: bytes, use: ImageUse, name: str, flags: int) -> NDArray[Any]:
     import cv2
 
     try:

@@ -47,7 +47,7 @@ class AssetRoots:
         Raises:
             ValueError: It is not in a root. The message does not say whether it exists.
         """
-        found = [self._resolved(root / path) for root in self.folders or (Path("/"),)]
+        found = [self._resolve(root / path) for root in self.folders or (Path("/"),)]
         inside = [each for each in found if each is not None]
         if not inside:
             raise ValueError("expected a path inside the asset roots of the server")
@@ -58,10 +58,10 @@ class AssetRoots:
         if folder in self.named:
             return
         for path in folder.rglob("*"):
-            if path.is_symlink() and self._resolved(path) is None:
+            if path.is_symlink() and self._resolve(path) is None:
                 raise ValueError("expected a folder whose links stay inside the asset roots")
 
-    def _resolved(self, path: Path) -> Path | None:
+    def _resolve(self, path: Path) -> Path | None:
         try:
             found = path.resolve()
         except (OSError, RuntimeError):  # links in a circle

@@ -123,7 +123,7 @@ def _image_corners(intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return the (4, 2) outer corners of the image, in focal lengths."""
     right, bottom = intrinsics.width_px - 0.5, intrinsics.height_px - 0.5
     pixels = np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)])
-    return _normalised(pixels, intrinsics)
+    return _normalise(pixels, intrinsics)
 
 
 def _fisheye_image(points_m: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
@@ -149,13 +149,13 @@ def unproject(pixels: ArrayLike, depth_m: ArrayLike, intrinsics: PinholeIntrinsi
 
 def _directions(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return the (N, 3) rays of (N, 2) pixels, see `pixel_rays`."""
-    xy = _normalised(pixels, intrinsics)
+    xy = _normalise(pixels, intrinsics)
     if intrinsics.is_fisheye:
         return directions_of(xy, intrinsics.distortion)
     return np.column_stack((undistort(xy, intrinsics.distortion), np.ones(len(xy))))
 
 
-def _normalised(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
+def _normalise(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
     centre_px = (intrinsics.cx_px, intrinsics.cy_px)
     return np.asarray((pixels - centre_px) / (intrinsics.fx_px, intrinsics.fy_px))
 

@@ -59,11 +59,11 @@ def undistort(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for begin in range(0, len(targets), INVERSE_CHUNK):
             chunk = slice(begin, begin + INVERSE_CHUNK)
-            found[chunk] = _undistorted_chunk(targets[chunk], distortion)
+            found[chunk] = _undistort_chunk(targets[chunk], distortion)
     return found.reshape(xy.shape)
 
 
-def _undistorted_chunk(target: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+def _undistort_chunk(target: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
     found = np.zeros_like(target)
     steps = [(step + 1) / INVERSE_STEPS for step in range(INVERSE_STEPS)]
     for share in [share for share in steps for _ in range(2)] + [1.0] * NEWTON_STEPS:

@@ -51,7 +51,7 @@ class ImportContext:
         found = None if self._assets is None else self._assets / name
         if found is not None and found.is_file():
             return found.resolve()
-        return self._replaced(name, "is missing", stand_in, make)
+        return self._replace(name, "is missing", stand_in, make)
 
     def material_folder(self, name: str, texture: str) -> Path | None:
         """Return the folder of a material's maps, or None if it is missing or has no colour map.
@@ -66,9 +66,9 @@ class ImportContext:
         is_there = found is not None and found.is_dir()
         fault = "has no colour map" if is_there else "is missing"
         words = f"the built-in texture {texture}"
-        return self._replaced(name, fault, words, lambda made: made.material(name, texture))
+        return self._replace(name, fault, words, lambda made: made.material(name, texture))
 
-    def _replaced(
+    def _replace(
         self, name: str, fault: str, stand_in: str, make: Callable[[StandIns], Path] | None
     ) -> Path | None:
         if self._is_strict:
@@ -100,13 +100,13 @@ class ImportContext:
             return
         things = self._things.get(node.get("semantic_id", 0), {})
         if "label" in node and node["semantic_id"] and len(things) > 1:
-            node["label"] = self._shared_name(node["semantic_id"])
+            node["label"] = self._name_for_all(node["semantic_id"])
         if node.get("sky_semantic_id"):
-            node["sky_label"] = self._shared_name(node["sky_semantic_id"])
+            node["sky_label"] = self._name_for_all(node["sky_semantic_id"])
         for each in node.values():
             self.rename_shared(each)
 
-    def _shared_name(self, semantic_id: int) -> str:
+    def _name_for_all(self, semantic_id: int) -> str:
         things = list(self._things[semantic_id])
         if len(things) > 1:
             self.warn(f"the id {semantic_id} is shared by {', '.join(things)}")

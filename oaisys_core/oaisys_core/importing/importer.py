@@ -91,7 +91,7 @@ def import_file(
     made = None if stand_ins is None else StandIns(stand_ins)
     job = ImportContext(assets_folder, out, is_strict=strict, stand_ins=made)
     try:
-        config = _converted(document, job)
+        config = _convert(document, job)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: a value has an invalid form: {error}") from error
     if job.missing:
@@ -107,7 +107,7 @@ def _missing(path: Path, fault: str, assets_folder: Path | None) -> str:
     return f"{path}: {fault}, expected it below {assets_folder} (--assets)"
 
 
-def _converted(document: Json, job: ImportContext) -> Json:
+def _convert(document: Json, job: ImportContext) -> Json:
     ground, material_name = stage(document, job)
     extent_m = float(ground.get("extent_m", 200.0))
     # The sky comes first, because its label has a fixed name.

@@ -131,12 +131,12 @@ def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
 
         data = tiff.decode(file, name)
     else:
-        data = _decoded_png(file, name)
+        data = _decode_png(file, name)
     if data.shape[2:] != (() if spec.channels == 1 else (spec.channels,)):
         raise InvalidInputError("image", name, f"{spec.channels} channels ({modality})")
     return np.ascontiguousarray(data.astype(spec.dtype, copy=False))
 
 
-def _decoded_png(file: bytes, name: str) -> NDArray[Any]:
+def _decode_png(file: bytes, name: str) -> NDArray[Any]:
     found = decode_pixels(file, FRAME, name)
     return np.asarray(found[..., ::-1] if found.ndim == 3 else found)

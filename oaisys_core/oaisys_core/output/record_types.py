@@ -37,7 +37,7 @@ _CHECKED = ConfigDict(extra="forbid", allow_inf_nan=False)
 KindT = TypeVar("KindT")
 
 
-def _named(text: str) -> str:
+def _type_name(text: str) -> str:
     if not is_name(text):
         raise ValueError(f"expected {NAME_EXPECTED}")
     return text
@@ -65,7 +65,7 @@ Text = Annotated[str, Strict(), Field(max_length=100_000), AfterValidator(_witho
 Label = Annotated[Text, Field(max_length=1000), AfterValidator(_in_a_line)]
 """What people read, in a line."""
 
-Name = Annotated[Text, AfterValidator(_named)]
+Name = Annotated[Text, AfterValidator(_type_name)]
 """What may become the name of a file, see `oaisys_core.files.names`."""
 
 SplitName = Annotated[str, Strict(), Field(max_length=64), AfterValidator(_split)]
@@ -95,12 +95,12 @@ def fields_of(kind: Any) -> Any:
     """Return the mark of a mapping, or other plain data, that is checked as another type."""
 
     def schema(_: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.no_info_wrap_validator_function(_unchanged, handler(kind))
+        return core_schema.no_info_wrap_validator_function(_as_it_is, handler(kind))
 
     return GetPydanticSchema(schema)
 
 
-def _unchanged(value: Any, handler: core_schema.ValidatorFunctionWrapHandler) -> Any:
+def _as_it_is(value: Any, handler: core_schema.ValidatorFunctionWrapHandler) -> Any:
     handler(value)
     return value
 

@@ -53,7 +53,7 @@ def encode(data: NDArray[Any], **options: Any) -> bytes:
     shape = {"height": height, "width": width, "count": count, "dtype": data.dtype}
     try:
         with MemoryFile() as memory:
-            with _ungeoreferenced():
+            with _without_georeference():
                 file = memory.open(driver="GTiff", **shape, **options)
             with file:
                 file.write(planes)
@@ -68,13 +68,13 @@ def decode(file: bytes, name: str) -> NDArray[Any]:
     Raises:
         InvalidInputError: It cannot be read.
     """
-    with _ungeoreferenced(), open_geotiff(file, FRAME, name) as image:
+    with _without_georeference(), open_geotiff(file, FRAME, name) as image:
         planes: NDArray[Any] = image.read()
     return planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
 
 
 @contextmanager
-def _ungeoreferenced() -> Iterator[None]:
+def _without_georeference() -> Iterator[None]:
     """Let images be opened that are no maps, without a warning, by one thread at a time.
 
     Filters of warnings belong to all threads.

@@ -83,7 +83,7 @@ class SampleWriter:
             raise InvalidInputError("out", str(self._out), expected)
         state: dict[str, Any] | None = None
         if (self._out / STATE).is_file():
-            state = _checked_state(read_json(self._out / STATE), self._out / STATE)
+            state = _check_state(read_json(self._out / STATE), self._out / STATE)
         self._drop_rows_after(state)
         return state
 
@@ -167,7 +167,7 @@ class SampleWriter:
             append_pose(table, sample.sample_id, pose_from_matrix(scan.T_map_lidar))
 
 
-def _checked_state(state: Any, path: Path) -> dict[str, Any]:
+def _check_state(state: Any, path: Path) -> dict[str, Any]:
     """Return the state of a run; what is in it beyond the ids is the simulation's to check."""
     ids = (state, "last_batch_id"), (state and state.get("batch"), "sample_id")
     for record, key in ids if isinstance(state, dict) else [(None, "")]:

@@ -139,7 +139,7 @@ class _ErrorStream:
         """
         self.slot = c_void_p.in_dll(library, ERROR_STREAM)
         self.errors: list[str] = []
-        self._write = _Write(self._written)
+        self._write = _Write(self._note_written)
         library.fopencookie.restype = c_void_p
         library.fopencookie.argtypes = (c_void_p, c_char_p, _CookieFunctions)
         stream = library.fopencookie(None, b"w", _CookieFunctions(write=self._write))
@@ -148,7 +148,7 @@ class _ErrorStream:
         library.setvbuf(c_void_p(stream), None, UNBUFFERED, c_size_t(0))
         self.own = int(stream)
 
-    def _written(self, _cookie: int | None, at: int, size: int) -> int:
+    def _note_written(self, _cookie: int | None, at: int, size: int) -> int:
         text = ctypes.string_at(at, size)
         _print(text)
         found = PRINTED_ERROR.findall(text)

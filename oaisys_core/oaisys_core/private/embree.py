@@ -210,7 +210,7 @@ class EmbreeScene:
 
     def _cast(self, packets: NDArray[np.float32]) -> None:
         """Write the hits into packets of rays, one call per packet."""
-        valid = _aligned((PACKET,), np.int32)
+        valid = _allocate_aligned((PACKET,), np.int32)
         valid[:] = -1
         start, size = packets.ctypes.data, packets.strides[0]
         addresses = range(start, start + packets.nbytes, size)
@@ -239,10 +239,10 @@ def blenders_embree() -> Embree | None:
 
 def _packets(count: int) -> NDArray[np.float32]:
     """Return an uninitialised (count, FIELDS, PACKET) array."""
-    return _aligned((count, FIELDS, PACKET), np.float32)
+    return _allocate_aligned((count, FIELDS, PACKET), np.float32)
 
 
-def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+def _allocate_aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
     """Return an uninitialised array that is aligned to `ALIGNMENT` bytes."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.empty(size + ALIGNMENT, np.uint8)

@@ -57,10 +57,10 @@ class _DeferredPlots(Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         for name in PLOT_FUNCTIONS:
-            setattr(module, name, self._deferred(name))
+            setattr(module, name, self._defer(name))
         module.__getattr__ = self._attribute  # type: ignore[method-assign]
 
-    def _deferred(self, name: str) -> Callable[..., Any]:
+    def _defer(self, name: str) -> Callable[..., Any]:
         def call(*arguments: Any, **options: Any) -> Any:
             return self._attribute(name)(*arguments, **options)
 

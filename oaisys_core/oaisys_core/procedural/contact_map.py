@@ -123,7 +123,7 @@ def contact_map(scene: Scene) -> ContactMap | None:
         for polygon, value in zip(pixels(quads_m), values, strict=True):
             cv2.fillConvexPoly(canvas, polygon, int(value), cv2.LINE_8, FIXED_POINT_BITS)
     passed = np.stack(drawn, axis=-1) if drawn else None
-    return ContactMap(_frayed(share), (x0, y0, x1, y1), passed)
+    return ContactMap(_fray(share), (x0, y0, x1, y1), passed)
 
 
 def _track_quads(track: WheelTracks) -> tuple[FloatArray, FloatArray]:
@@ -277,7 +277,7 @@ def _profile(vertices_m: FloatArray) -> FloatArray:
     return corners
 
 
-def _frayed(share: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _fray(share: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a map whose rims end raggedly, as fines do."""
     noise = spectral(NOISE_PX, NOISE_WAVES, np.random.default_rng(0), rough=3.0)
     tile = np.clip((noise * 0.6 + 0.5) * 255, 0, 255).astype(np.uint8)

@@ -55,12 +55,12 @@ def admit_pose(
     if policy == "allow":
         return pose
     if policy == "clamp":
-        pose = _moved(pose, _shift_inside_m(_positions_m(sensors, pose), extent_m))
+        pose = _move(pose, _shift_inside_m(_positions_m(sensors, pose), extent_m))
     clearance_m = heights(_positions_m(sensors, pose)).clearance_m
     if (clearance_m >= least_m - ROUNDING_M).all():
         return pose
     if policy in ("clamp", "lift") and np.isfinite(clearance_m).all():
-        return _moved(pose, (0.0, 0.0, float(least_m - clearance_m.min())))
+        return _move(pose, (0.0, 0.0, float(least_m - clearance_m.min())))
     worst = int(np.argmin(np.nan_to_num(clearance_m, nan=-np.inf)))
     raise _refusal(sensors[worst].name, pose, float(clearance_m[worst]), least_m)
 
@@ -70,7 +70,7 @@ def _positions_m(sensors: Sequence[SensorInfo], pose: Pose) -> FloatArray:
     return np.array([(T_map_base @ sensor.T_base_camera)[:3, 3] for sensor in sensors])
 
 
-def _moved(pose: Pose, offset_m: ArrayLike) -> Pose:
+def _move(pose: Pose, offset_m: ArrayLike) -> Pose:
     x, y, z = np.asarray(pose.position_m) + np.asarray(offset_m)
     return Pose((float(x), float(y), float(z)), pose.quat_xyzw)
 

@@ -201,7 +201,7 @@ def visible_pixels(
     first = np.clip(np.ceil(pixels.min(axis=1) - MARGIN_PX), 0, size_px)
     end = np.clip(np.floor(pixels.max(axis=1) + MARGIN_PX) + 1, 0, size_px)
     first[~is_ahead], end[~is_ahead] = 0, size_px
-    return _covered(first.astype(np.intp), end.astype(np.intp), size_px)
+    return _cover(first.astype(np.intp), end.astype(np.intp), size_px)
 
 
 def _in_frustum(
@@ -227,7 +227,7 @@ def _in_frustum(
     return np.asarray(reach)
 
 
-def _covered(
+def _cover(
     first: NDArray[np.intp], end: NDArray[np.intp], size_px: tuple[int, int]
 ) -> NDArray[np.bool_]:
     """Return (H, W) which pixels lie in any of (N, 2) rectangles [first, end) of (column, row)."""

@@ -35,7 +35,7 @@ class PlacementTargets:
 
     def start_batch(self, scene: Scene) -> None:
         """Take over the placements of a new batch; those not marked as moving count as static."""
-        still = [each for each in self._placed(scene) if not each.placement.is_moving]
+        still = [each for each in self._place(scene) if not each.placement.is_moving]
         if not _are_same(still, self._static):
             self._static = still
             self._static_targets = self._targets_of(still)
@@ -53,7 +53,7 @@ class PlacementTargets:
 
     def update(self, scene: Scene) -> None:
         """Take over the placements of a scene; what did not change costs nothing."""
-        placed = self._placed(scene)
+        placed = self._place(scene)
         still = [each for each in self._static if any(each.is_same(now) for now in placed)]
         if len(still) < len(self._static):
             self._static = still
@@ -82,7 +82,7 @@ class PlacementTargets:
             return BoxInstanceTarget(placed)
         return EmbreeInstanceTarget(placed, self._embree)
 
-    def _placed(self, scene: Scene) -> list[PlacedPrototype]:
+    def _place(self, scene: Scene) -> list[PlacedPrototype]:
         """Return the placements that have triangles; meshes of other prototypes are dropped."""
         prototypes = scene.prototypes
         self._meshes = {id(p): self._meshes.get(id(p)) or PrototypeMesh(p) for p in prototypes}

@@ -70,7 +70,7 @@ class AnalyticBackend(Backend):
 
     def update(self, scene: Scene) -> None:
         """See `Backend.update`."""
-        surface, palette = self._built()
+        surface, palette = self._require_built()
         if scene.ground is surface.scene.ground:
             surface.update_objects(scene)
         else:
@@ -84,7 +84,7 @@ class AnalyticBackend(Backend):
         progress: ProgressCallback,
     ) -> Iterator[FrameGroup]:
         """See `Backend.render`."""
-        surface, palette = self._built()
+        surface, palette = self._require_built()
         geometry: list[Frame] = []
         views: dict[str, View] = {}
         self.exposures_ev = {}
@@ -106,11 +106,11 @@ class AnalyticBackend(Backend):
 
     def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
         """See `Backend.scan`."""
-        return self._lidars.scan(self._built()[0], lidar, capture)
+        return self._lidars.scan(self._require_built()[0], lidar, capture)
 
     def note_revisit(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.note_revisit`."""
-        self._memory.remember(cameras, self._built()[0].scene)
+        self._memory.remember(cameras, self._require_built()[0].scene)
 
     def withdrawn(self) -> None:
         """See `Backend.withdrawn`."""
@@ -118,11 +118,11 @@ class AnalyticBackend(Backend):
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
-        return self._built()[0].mesh()
+        return self._require_built()[0].mesh()
 
     def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
         """See `Backend.surface_height_m`."""
-        return self._built()[0].height_m(xy_m)
+        return self._require_built()[0].height_m(xy_m)
 
     def close(self) -> None:
         """Drop the world."""
@@ -130,7 +130,7 @@ class AnalyticBackend(Backend):
         self._memory.forget()
         self._lidars.forget()
 
-    def _built(self) -> tuple[Surface, Palette]:
+    def _require_built(self) -> tuple[Surface, Palette]:
         if self._surface is None or self._palette is None:
             raise NotReadyError("the analytic backend has no scene: build one first")
         return self._surface, self._palette

@@ -157,7 +157,7 @@ class BackgroundGeometry:
 
     def then(self, compute: Callable[[], T]) -> Future[T]:
         """Have the same thread compute something after the frames."""
-        return self._executor.submit(copy_context().run, self._timed, compute)
+        return self._executor.submit(copy_context().run, self._time, compute)
 
     def cost_s(self, seconds: float) -> float:
         """Return by how much it lengthened work that took all cores for ``seconds``."""
@@ -165,7 +165,7 @@ class BackgroundGeometry:
         most_s = seconds / (CORES + 1)
         return most_s if self._busy_s is None else min(self._busy_s / CORES, most_s)
 
-    def _timed(self, compute: Callable[[], T]) -> T:
+    def _time(self, compute: Callable[[], T]) -> T:
         computed = compute()
         self._busy_s = time.thread_time()
         return computed
@@ -228,7 +228,7 @@ class PoseMemory:
         now: Scene,
     ) -> None:
         """Move points on moving objects back in place; NaN if the previous pose is unknown."""
-        placements, primitives = _changed(now, before)
+        placements, primitives = _change(now, before)
         if not placements and not primitives:
             return
         visible = np.unique(instance_ids)
@@ -243,7 +243,7 @@ class PoseMemory:
             points_m[pixels] = transform_points(T, points_m[pixels])
 
 
-def _changed(
+def _change(
     now: Scene, before: ScenePoses | None
 ) -> tuple[tuple[Placement, ...], tuple[Primitive, ...]]:
     """Return the objects that have changed; without previous poses, those that may move."""

@@ -214,7 +214,7 @@ class BeamHits:
             self._normals[row, rays] = hits.normals
             parts.append(hits)
             first += len(rays)
-        self.hits = _joined(parts)
+        self.hits = _join(parts)
 
     def take_nearest(self) -> Returns:
         """Return the nearest return of each beam that has one, and remove its hits."""
@@ -266,7 +266,7 @@ def beam(directions: FloatArray, divergence_rad: float) -> FloatArray:
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
-def _joined(parts: list[Hits]) -> Hits:
+def _join(parts: list[Hits]) -> Hits:
     names = View.__dataclass_fields__
     view = View(**{n: np.concatenate([getattr(p.view, n) for p in parts]) for n in names})
     normals, reflectance, cos_incidence = (

@@ -176,12 +176,12 @@ class Fingerprints:
         if isinstance(value, np.ndarray):
             return _of_array(value)
         if isinstance(value, list):
-            return _joined("sequence", [self._digest(inner) for inner in value])
+            return _join("sequence", [self._digest(inner) for inner in value])
         if isinstance(value, (set, frozenset)):
-            return _joined("set", sorted(self._digest(inner) for inner in value))
+            return _join("set", sorted(self._digest(inner) for inner in value))
         if isinstance(value, Mapping):
             pairs = [self._digest(key) + self._digest(inner) for key, inner in value.items()]
-            return _joined("mapping", sorted(pairs))
+            return _join("mapping", sorted(pairs))
         return _of_plain(value)
 
     def _of_constant(self, value: Any) -> Digest:
@@ -193,7 +193,7 @@ class Fingerprints:
                 kind = f"record {type(value).__module__}.{type(value).__qualname__}"
                 parts = tuple(getattr(value, field.name) for field in dataclasses.fields(value))
             # Keep the value too, so that no other object can get its id.
-            known = value, _joined(kind, [self._digest(part) for part in parts])
+            known = value, _join(kind, [self._digest(part) for part in parts])
         self._met[id(value)] = known
         return known[1]
 
@@ -202,7 +202,7 @@ def _is_record(value: Any) -> bool:
     return dataclasses.is_dataclass(value) and not isinstance(value, type)
 
 
-def _joined(kind: str, digests: list[Digest]) -> Digest:
+def _join(kind: str, digests: list[Digest]) -> Digest:
     return _hash(f"{kind} {len(digests)} ".encode() + b"".join(digests))
 
 

@@ -90,9 +90,9 @@ class ViewRenderer:
             groups = []
             for rendered in self._backend.render(cameras, settings, progress):
                 finished_ns = time.monotonic_ns()
-                groups.append(rendered.map_frames(lambda f: self._measured(f, faults, outline)))
+                groups.append(rendered.map_frames(lambda f: self._measure(f, faults, outline)))
                 yield outline, groups[-1]
-            view = self._rendered_view(outline, groups, settings)
+            view = self._collect_view(outline, groups, settings)
             self._cache.add(key, view)
         return Sample(
             batch_id=outline.batch_id,
@@ -118,7 +118,7 @@ class ViewRenderer:
         ids = outline.batch_id, outline.sample_id
         return tuple(self._backend.scan(lidar, CaptureId(*ids, lidar.name)) for lidar in lidars)
 
-    def _measured(
+    def _measure(
         self, frames: tuple[Frame, ...], faults: DepthFaults | None, outline: SampleOutline
     ) -> tuple[Frame, ...]:
         """Return what sensors measure instead of the true frames, placed where frames are kept."""
@@ -130,7 +130,7 @@ class ViewRenderer:
             frames = tuple(measure_frame(frame, faults, capture) for frame, capture in measured)
         return self._place_frames(frames)
 
-    def _rendered_view(
+    def _collect_view(
         self, outline: SampleOutline, groups: Sequence[FrameGroup], settings: RenderSettings
     ) -> RenderedView:
         """Wait for all groups and return their frames in the outline's order."""

@@ -159,10 +159,10 @@ def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     axis = (np.arange(PERIOD_CELLS * CELL_PX) + 0.5) / CELL_PX
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     _, near = scipy.spatial.cKDTree(points, boxsize=PERIOD_CELLS).query(places, k=8)
-    to_first = _wrapped(points[near[:, 0]] - places)
+    to_first = _wrap(points[near[:, 0]] - places)
     edge = np.full(len(places), np.inf)
     for other in near[:, 1:].T:
-        to_other = _wrapped(points[other] - places)
+        to_other = _wrap(points[other] - places)
         apart = to_other - to_first
         middle = (to_other + to_first) / 2
         edge = np.minimum(edge, (middle * apart).sum(axis=1) / np.linalg.norm(apart, axis=1))
@@ -172,7 +172,7 @@ def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     return near[:, 0].reshape(size, size), weights
 
 
-def _wrapped(difference: FloatArray) -> FloatArray:
+def _wrap(difference: FloatArray) -> FloatArray:
     """Return the shortest differences between points of the repeating pattern."""
     return np.asarray(difference - PERIOD_CELLS * np.rint(difference / PERIOD_CELLS))
 

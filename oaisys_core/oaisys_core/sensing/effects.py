@@ -78,9 +78,9 @@ def with_effects(
         return image_srgb
     image = linear(np.arange(256) / 255).astype(np.float32)[image_srgb]
     if effects.chromatic_aberration:
-        image = _aberrated(image, effects.chromatic_aberration, intrinsics)
+        image = _aberrate(image, effects.chromatic_aberration, intrinsics)
     if effects.bloom is not None:
-        image = _bloomed(image, effects.bloom)
+        image = _bloom(image, effects.bloom)
     if effects.vignetting:
         image = image * _falloff(intrinsics, effects.vignetting)
     if effects.noise is not None:
@@ -88,7 +88,7 @@ def with_effects(
     return encode_srgb(np.asarray(image, np.float64))
 
 
-def _aberrated(image: Image, share: float, intrinsics: PinholeIntrinsics) -> Image:
+def _aberrate(image: Image, share: float, intrinsics: PinholeIntrinsics) -> Image:
     import cv2
 
     result = image.copy()
@@ -104,7 +104,7 @@ def _aberrated(image: Image, share: float, intrinsics: PinholeIntrinsics) -> Ima
     return result
 
 
-def _bloomed(image: Image, bloom: Bloom) -> Image:
+def _bloom(image: Image, bloom: Bloom) -> Image:
     import cv2
 
     brightness = image.max(axis=2, keepdims=True)

@@ -130,7 +130,7 @@ def plan_rover_drive(
             expected = f"a way without obstacles ({obstacle})"
             raise InvalidInputError("drive.waypoints_m", waypoints_m.tolist(), expected)
         places = places.upto(free)
-    return RoverPlan(_driven(config, curve, places, bends[: len(places.arc_m)]), obstacle)
+    return RoverPlan(_drive_along(config, curve, places, bends[: len(places.arc_m)]), obstacle)
 
 
 def _bends(curve: WaypointCurve, arc_m: FloatArray) -> FloatArray:
@@ -168,7 +168,7 @@ def _on_wheels(
         surface_m, _ = _heights_m(points_m, heights)
         sunk_m = (surface_m - points_m[..., 2]).reshape(len(arc_m), len(wheels_m), -1).max(axis=2)
         places = _Stance(arc_m, xy_m, heading, places.plane + sunk_m @ fit.T)
-    smooth = _smoothed(places.plane, config.suspension_m / float(arc_m[1]))
+    smooth = _smooth(places.plane, config.suspension_m / float(arc_m[1]))
     return _Stance(arc_m, xy_m, heading, smooth)
 
 
@@ -207,7 +207,7 @@ def _heights_m(points_m: FloatArray, heights: HeightLookup) -> tuple[FloatArray,
     return surface_m.reshape(points_m.shape[:-1]), ground_m.reshape(points_m.shape[:-1])
 
 
-def _smoothed(plane: FloatArray, sigma_steps: float) -> FloatArray:
+def _smooth(plane: FloatArray, sigma_steps: float) -> FloatArray:
     """Return heights and slopes, smoothed along the way by a Gaussian."""
     if sigma_steps < 1e-3:
         return plane
@@ -257,17 +257,17 @@ def _footprint_m(config: RoverConfig) -> FloatArray:
     """Return (P, 3) points of the plane below the rover, in ``base_link``."""
     front_m = max(config.axles_m) + config.wheel_radius_m
     back_m = min(config.axles_m) - config.wheel_radius_m
-    along = _spaced(back_m, front_m)
-    across = _spaced(*sorted(_sides(config)))
+    along = _space(back_m, front_m)
+    across = _space(*sorted(_sides(config)))
     x, y = np.meshgrid(along, across)
     return np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
 
 
-def _spaced(low_m: float, high_m: float) -> FloatArray:
+def _space(low_m: float, high_m: float) -> FloatArray:
     return np.linspace(low_m, high_m, int(np.ceil((high_m - low_m) / FOOTPRINT_STEP_M)) + 1)
 
 
-def _driven(
+def _drive_along(
     config: RoverConfig, curve: WaypointCurve, places: _Stance, bends: FloatArray
 ) -> Trajectory:
     """Return the drive along the places, as fast as slopes and curves allow."""

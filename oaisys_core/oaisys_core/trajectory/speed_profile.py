@@ -58,7 +58,7 @@ def distances_over_time(
         expected = f"a way of at most {LONGEST_WAY_S:g} s"
         raise InvalidInputError("drive", f"one of {times_s[-1]:.0f} s", expected)
     # Between two places the acceleration is constant, of which the Hermite spline is exact.
-    return _smoothed(scipy.interpolate.CubicHermiteSpline(times_s, distances_m, speeds_m_s))
+    return _smooth(scipy.interpolate.CubicHermiteSpline(times_s, distances_m, speeds_m_s))
 
 
 def before_and_after(limits_m_s: FloatArray, step_m: float, acceleration_m_s2: float) -> FloatArray:
@@ -95,7 +95,7 @@ def _reachable(
     return speeds
 
 
-def _smoothed(distance_m: PPoly) -> tuple[FloatArray, FloatArray]:
+def _smooth(distance_m: PPoly) -> tuple[FloatArray, FloatArray]:
     """Return regular times and the distances at them, averaged over time twice."""
     width = round(JERK_TIME_S / KNOT_INTERVAL_S) // 2 * 2 + 1
     end_s = float(distance_m.x[-1])

@@ -46,9 +46,9 @@ class Trajectory:
         """
         from scipy.spatial.transform import Rotation, RotationSpline
 
-        self.times_s = _checked("times_s", times_s, ())
-        self.positions_m = _checked("positions_m", positions_m, (3,))
-        self.quats_xyzw = _checked("quats_xyzw", quats_xyzw, (4,))
+        self.times_s = _check("times_s", times_s, ())
+        self.positions_m = _check("positions_m", positions_m, (3,))
+        self.quats_xyzw = _check("quats_xyzw", quats_xyzw, (4,))
         counts = {len(self.times_s), len(self.positions_m), len(self.quats_xyzw)}
         if len(counts) > 1 or len(self.times_s) < 2:
             expected = "at least two poses, each with a time, a position and an orientation"
@@ -170,7 +170,7 @@ class Trajectory:
         return np.asarray(np.clip(times - self.times_s[0], 0.0, self.duration_s))
 
 
-def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+def _check(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return a read-only copy of an array of (K, *shape) finite numbers."""
     array = np.array(values, dtype=np.float64)
     if array.ndim != 1 + len(shape) or array.shape[1:] != shape or not np.isfinite(array).all():

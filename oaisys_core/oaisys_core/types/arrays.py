@@ -14,11 +14,11 @@ class ShortRepr:
     """Base of dataclasses with arrays (``repr=False``): shows the arrays' types and shapes only."""
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{f.name}={_shown(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
+        shown = ", ".join(f"{f.name}={_show(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
         return f"{type(self).__name__}({shown})"
 
 
-def _shown(value: object) -> str:
+def _show(value: object) -> str:
     if isinstance(value, np.ndarray):
         return f"<{value.dtype} {value.shape}>"
     return repr(value)

@@ -129,7 +129,7 @@ def choose_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> li
         raise NotFoundError("the record has no samples")
     if every or not names:
         return known if every else known[-1:]
-    wanted = [_parsed(name) for name in names]
+    wanted = [_parse(name) for name in names]
     for number in wanted:
         if number not in known:
             first, last = (f"{batch}/{sample}" for batch, sample in (known[0], known[-1]))
@@ -138,7 +138,7 @@ def choose_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> li
     return wanted
 
 
-def _parsed(name: str) -> SampleId:
+def _parse(name: str) -> SampleId:
     batch, slash, sample = name.partition("/")
     if not (slash and batch.isdecimal() and sample.isdecimal()):
         raise InvalidInputError("sample", name, "BATCH/SAMPLE, such as 1/3")
@@ -174,13 +174,13 @@ def compare(record: RecordedSample, again: Sample, least_psnr_db: float) -> list
         number = f"{outline.batch_id}/{outline.sample_id}"
         raise NotFoundError(f"sample {number}: none of its images and scans is in the record")
     images = [
-        _compared(old, record.recorded(again.frame(old.sensor, old.modality)), least_psnr_db)
+        _compare(old, record.recorded(again.frame(old.sensor, old.modality)), least_psnr_db)
         for old in record.frames
     ]
     return images + [compare_scan(old, again.scan(old.sensor)) for old in record.scans]
 
 
-def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
+def _compare(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
     name = FrameName(old.sensor, old.modality)
     pixels = old.data.shape[0] * old.data.shape[1]
     if (old.data.shape, old.data.dtype) != (new.data.shape, new.data.dtype):

@@ -129,7 +129,7 @@ def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> ND
     there = np.mod(texels[beyond], 2 * size)
     texels[beyond] = np.where(there > size, 2 * size - there, there)
     texels -= 0.5
-    weights = np.stack([_remapped(mask, texels) for mask in material.masks])
+    weights = np.stack([_remap(mask, texels) for mask in material.masks])
     if material.land is not None:
         outside = np.flatnonzero(beyond.any(axis=1))
         weights[:, outside] = _on_land(material.land, xy_m[outside], weights[:, outside])
@@ -149,13 +149,13 @@ def _on_land(
     rows = np.clip(e_folds * directions / (2 * np.pi), 0, last_row)
     # One more column at either side, because directions go round.
     rounds = [np.pad(mask, ((0, 0), (1, 1)), mode="wrap") for mask in land.weights]
-    far = np.stack([_remapped(mask, np.column_stack((columns + 1, rows))) for mask in rounds])
+    far = np.stack([_remap(mask, np.column_stack((columns + 1, rows))) for mask in rounds])
     outside_m = np.abs(offset_m) - ((x1 - x0) / 2, (y1 - y0) / 2)
     share = np.linalg.norm(np.maximum(outside_m, 0), axis=1) / land.patch_m
     return np.asarray(weights + (far - weights) * np.minimum(share, 1), np.float32)
 
 
-def _remapped(mask: NDArray[np.float32], texels: FloatArray) -> NDArray[np.float32]:
+def _remap(mask: NDArray[np.float32], texels: FloatArray) -> NDArray[np.float32]:
     """Return (N,) bilinear values at (N, 2) texels; OpenCV alone would round to 1/32 of a texel."""
     low = np.floor(texels)
     step = (texels - low).astype(np.float32)

@@ -45,10 +45,10 @@ def make_modules(configured: Mapping[str, Mapping[str, Any]]) -> tuple[Extension
     Raises:
         ConfigError: There is no such module, it cannot be imported, or an option is invalid.
     """
-    return tuple(_made(name, options) for name, options in sorted(configured.items()))
+    return tuple(_make(name, options) for name, options in sorted(configured.items()))
 
 
-def _made(name: str, options: Mapping[str, Any]) -> ExtensionModule:
+def _make(name: str, options: Mapping[str, Any]) -> ExtensionModule:
     if name in BUILT_IN:
         raise ConfigError(
             f"extensions.{name}: expected a name other than those of the built-in modules"

@@ -87,10 +87,10 @@ def _facts(
             )
             for split, count in statistics.frames.items()
         ),
-        ("Cameras", _counted(statistics.sensors)),
-        ("Image sizes", _counted(statistics.sizes)),
-        ("Images", _counted(statistics.modalities)),
-        *([("Lidar scans", _counted(statistics.scans))] if statistics.scans else []),
+        ("Cameras", _count_in_words(statistics.sensors)),
+        ("Image sizes", _count_in_words(statistics.sizes)),
+        ("Images", _count_in_words(statistics.modalities)),
+        *([("Lidar scans", _count_in_words(statistics.scans))] if statistics.scans else []),
         (
             "Rendering",
             (
@@ -175,5 +175,5 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
     return f"<table>{cells}</table>"
 
 
-def _counted(counts: Mapping[str, int]) -> str:
+def _count_in_words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} ({count})" for name, count in counts.items())

@@ -67,11 +67,11 @@ def readme_text(
         f"## Files\n\n{conventions.layout}",
         *reading,
         "## Conventions\n\n| what | how |\n|---|---|\n" + "\n".join(told),
-        *([_counted(counts)] if counts else []),
+        *([_count_in_words(counts)] if counts else []),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _counted(counts: Mapping[str, int]) -> str:
+def _count_in_words(counts: Mapping[str, int]) -> str:
     rows = "\n".join(f"| {escape_markdown(what)} | {count} |" for what, count in counts.items())
     return f"## Written and left out\n\n| what | number |\n|---|---|\n{rows}"

@@ -59,7 +59,7 @@ def check_dataset(
         for done, shard in enumerate(shards, start=1):
             summary.add(shard)
             on_world(done, total)
-    chosen = _drawn(summary.sound_worlds, worlds_rebuilt, rng)
+    chosen = _choose(summary.sound_worlds, worlds_rebuilt, rng)
     summary.rebuild(where, chosen, rng, lambda done: on_world(len(worlds) + done, total))
     return summary.report()
 
@@ -92,29 +92,29 @@ class _Summary:
             sha256 = config_sha256(config_from_mapping(self._info.config))
             due = due_views(self._info)
         except ConfigError as error:
-            self._found([Finding("head", HEAD, str(error))])
+            self._note_found([Finding("head", HEAD, str(error))])
         else:
             if sha256 != self._info.config_sha256:
                 text = f"its configuration has the hash {sha256}, recorded is another one"
-                self._found([Finding("head", HEAD, text)])
+                self._note_found([Finding("head", HEAD, text)])
         finished, failed = whole_worlds(self._place), world_failures(self._place)
         missing = sorted(set(range(self._info.worlds)) - {*finished, *failed})
         if missing:
             shown = ", ".join(map(str, missing[:5]))
             text = f"{len(missing)} of {self._info.worlds} worlds are not finished: {shown}"
-            self._found([Finding("missing", HEAD, text)])
+            self._note_found([Finding("missing", HEAD, text)])
         unexpected = [world for world in finished if world >= self._info.worlds]
         whole = {tar_name(world) for world in finished}
         tars = [name for name in self._place.names(SHARDS) if name.endswith(".tar")]
-        self._found(
+        self._note_found(
             Finding("head", tar_name(w), "the data set has fewer worlds") for w in unexpected
         )
-        self._found(Finding("shard", t, "it has no manifest") for t in tars if t not in whole)
+        self._note_found(Finding("shard", t, "it has no manifest") for t in tars if t not in whole)
         return due
 
     def add(self, shard: ShardResult) -> None:
         """Add the result of a world."""
-        self._found(shard.findings)
+        self._note_found(shard.findings)
         self._counts["worlds"] += 1
         self._counts["frames"] += shard.records
         self._counts["images"] += shard.images
@@ -128,7 +128,7 @@ class _Summary:
             first = self._frame_of_print.setdefault(pixels, frame)
             if first != frame:
                 text = f"all its images equal those of {first}"
-                self._found([Finding("duplicate", frame, text)])
+                self._note_found([Finding("duplicate", frame, text)])
         if not any(f.check in ("manifest", "shard", "image") for f in shard.findings):
             self.sound_worlds.append(shard.world)
 
@@ -146,7 +146,7 @@ class _Summary:
             dataset = open_dataset(where)
             truth = TruthCheck(self._info, rng)
         except OaisysError as error:
-            self._found([Finding("head", HEAD, f"its worlds cannot be made again: {error}")])
+            self._note_found([Finding("head", HEAD, f"its worlds cannot be made again: {error}")])
             return
         try:
             for done, world in enumerate(worlds, start=1):
@@ -181,10 +181,10 @@ class _Summary:
             found = truth.check(dataset, world)
         except OaisysError as error:
             text = f"it cannot be made again: {error}"
-            self._found([Finding("surface", f"world {world}", text)])
+            self._note_found([Finding("surface", f"world {world}", text)])
             return
         self._rebuilt.append(world)
-        self._found(found.findings)
+        self._note_found(found.findings)
         self._truth.points += found.points
         self._truth.scan_points += found.scan_points
         self._truth.audited += found.audited
@@ -194,16 +194,16 @@ class _Summary:
         if first != world:
             splits = f"{self._splits.get(first)} and {self._splits.get(world)}"
             text = f"it is the same world as {first}: both have the seed {seed} ({splits})"
-            self._found([Finding("split", f"world {world}", text)])
+            self._note_found([Finding("split", f"world {world}", text)])
 
-    def _found(self, findings: Iterable[Finding]) -> None:
+    def _note_found(self, findings: Iterable[Finding]) -> None:
         for finding in findings:
             self._findings_total += 1
             if len(self._findings) < MAX_FINDINGS:
                 self._findings.append(finding)
 
 
-def _drawn(worlds: Sequence[int], count: int, rng: np.random.Generator) -> list[int]:
+def _choose(worlds: Sequence[int], count: int, rng: np.random.Generator) -> list[int]:
     if not worlds:
         return []
     chosen = rng.choice(len(worlds), min(count, len(worlds)), replace=False)

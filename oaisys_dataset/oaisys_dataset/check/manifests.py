@@ -62,7 +62,7 @@ def check_manifests(
 ) -> tuple[list[FrameRecord], list[ScanRecord]]:
     """Return the frames and scans of a world whose records can be read."""
     name = manifest_name(result.world)
-    frames = _checked_lines(
+    frames = _check_lines(
         place, name, FrameRecord.from_json, lambda frame: _check_frame(frame, info, result), result
     )
     result.records = len(frames)
@@ -71,7 +71,7 @@ def check_manifests(
     scans: list[ScanRecord] = []
     of_scans = scans_name(result.world)
     if due.lidars and place.exists(of_scans):
-        scans = _checked_lines(
+        scans = _check_lines(
             place, of_scans, ScanRecord.from_json, lambda s: _check_scan(s, info, result), result
         )
     _check_world([*frames, *scans], result)
@@ -81,7 +81,7 @@ def check_manifests(
     return frames, scans
 
 
-def _checked_lines(
+def _check_lines(
     place: StoragePlace,
     name: str,
     parse: Callable[[bytes, str], RecordT],

@@ -39,7 +39,7 @@ def check_shard(place: StoragePlace, info: DatasetInfo, due: DueViews, world: in
     records, scans = check_manifests(place, info, due, result)
     name = tar_name(world)
     try:
-        with _mapped(place, name) as data:
+        with _map(place, name) as data:
             members = _members(data)
             images = [image for record in records for image in record.images.values()]
             _check_members([*images, *(scan.points for scan in scans)], members, result)
@@ -54,7 +54,7 @@ def check_shard(place: StoragePlace, info: DatasetInfo, due: DueViews, world: in
 
 
 @contextmanager
-def _mapped(place: StoragePlace, name: str) -> Iterator[mmap.mmap]:
+def _map(place: StoragePlace, name: str) -> Iterator[mmap.mmap]:
     """Yield an object as memory; that of a remote place is copied to a temporary file."""
     size = place.size(name)
     if not size:
@@ -141,9 +141,9 @@ def _check_frame(
         whole.update(f"{modality} {pixels_hash}\n".encode())
         if text := _wrong_values(modality, pixels):
             result.note("image", name, text)
-        unknown = _ids(modality, pixels) - _known(modality, legend)
+        unknown = _ids(modality, pixels) - _ids_of_legend(modality, legend)
         if unknown:
-            result.note("legend", name, f"ids {_shown(unknown)} are not in the legend")
+            result.note("legend", name, f"ids {_show(unknown)} are not in the legend")
     result.prints[record.frame_id] = whole.digest()[:16]
 
 
@@ -168,8 +168,10 @@ def _check_scan(
     if not all(np.isfinite(found[axis]).all() for axis in "xyz"):
         result.note("image", name, "some coordinates are not finite")
     for modality, field in ((SEMANTIC_0, "label"), (INSTANCE, "instance")):
-        if field in names and (unknown := _ids(modality, found[field]) - _known(modality, legend)):
-            result.note("legend", name, f"ids {_shown(unknown)} are not in the legend")
+        if field in names and (
+            unknown := _ids(modality, found[field]) - _ids_of_legend(modality, legend)
+        ):
+            result.note("legend", name, f"ids {_show(unknown)} are not in the legend")
 
 
 def _wrong_values(modality: str, pixels: NDArray[Any]) -> str:
@@ -188,9 +190,9 @@ def _ids(modality: str, pixels: NDArray[Any]) -> set[int]:
     return set(np.unique(pixels).tolist())
 
 
-def _known(modality: str, legend: WorldLegend) -> set[int]:
+def _ids_of_legend(modality: str, legend: WorldLegend) -> set[int]:
     return {0, *(legend.instances if modality == INSTANCE else legend.labels)}
 
 
-def _shown(ids: set[int]) -> str:
+def _show(ids: set[int]) -> str:
     return ", ".join(map(str, sorted(ids)[:5])) + (", ..." if len(ids) > 5 else "")

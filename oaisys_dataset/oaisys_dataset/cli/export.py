@@ -33,7 +33,7 @@ def _list_formats(is_asked: bool) -> None:
     if is_asked:
         from oaisys_dataset.formats.base import format_named, format_names
 
-        typer.echo("\n".join(_described(format_named(name)) for name in format_names()))
+        typer.echo("\n".join(_describe(format_named(name)) for name in format_names()))
         raise typer.Exit
 
 
@@ -134,7 +134,7 @@ def _setting(text: str) -> tuple[str, str]:
     return name, value
 
 
-def _described(found: DatasetFormat) -> str:
+def _describe(found: DatasetFormat) -> str:
     """Return the lines about a format in the list."""
     about = (type(found).__doc__ or "").split("\n")[0]
     settings = [f"    --set {name}=...: {meaning}" for name, meaning in found.settings.items()]

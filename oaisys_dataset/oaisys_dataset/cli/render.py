@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
-from oaisys_core.cli.repeat import MIN_PSNR_DB, DifferentSampleError
+from oaisys_core.cli.repeat import MIN_PSNR_DB, DifferentSampleError, describe
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_dataset.cli.export import PlaceArgument, export_place, write_export

@@ -201,7 +201,7 @@ class _SplitWriter:
             "id": self._annotation_id,
             "image_id": self._image_id,
             "category_id": segment.label_id,
-            "segmentation": _compressed(segment, shape),
+            "segmentation": _compress(segment, shape),
             "area": segment.area_px,
             "bbox": list(segment.bbox_px),
             "iscrowd": int(is_crowd),
@@ -228,7 +228,7 @@ def _segment_info(segment: PixelSegment, is_crowd: bool) -> dict[str, Any]:
     }
 
 
-def _compressed(segment: PixelSegment, shape: tuple[int, ...]) -> dict[str, Any]:
+def _compress(segment: PixelSegment, shape: tuple[int, ...]) -> dict[str, Any]:
     """Return COCO's compressed run-length encoding of a segment's mask."""
     from pycocotools import mask
 

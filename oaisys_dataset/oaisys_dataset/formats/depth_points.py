@@ -96,7 +96,7 @@ def surface_points(
 
     Only one view's images are in memory at a time; each view's depth is read twice.
     """
-    drawn = [_drawn_points(view, points_per_view, rng) for view in views]
+    drawn = [_draw_points(view, points_per_view, rng) for view in views]
     points_m = np.concatenate([each.points_m for each in drawn])
     ends = np.cumsum([len(each.points_m) for each in drawn])
     pixels, seen = [], []
@@ -115,7 +115,7 @@ class _Drawn(NamedTuple):
     pixels: FloatArray
 
 
-def _drawn_points(view: DepthView, count: int, rng: np.random.Generator) -> _Drawn:
+def _draw_points(view: DepthView, count: int, rng: np.random.Generator) -> _Drawn:
     """Return points through the centres of random pixels."""
     depth_m = view.depth_m()
     hits = np.flatnonzero(np.isfinite(depth_m))

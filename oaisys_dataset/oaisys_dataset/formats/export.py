@@ -55,7 +55,7 @@ def export_dataset(
     place = open_place(target)
     _check(chosen, dataset, place, options)
     try:
-        with _written_folder(place) as part:
+        with _write_folder(place) as part:
             counts = dict(chosen.write(dataset, part, options))
             if len(dataset.scans) and not chosen.writes_scans:
                 counts[LEFT_OUT_SCANS] = len(dataset.scans)
@@ -72,7 +72,7 @@ def export_dataset(
 
 
 @contextmanager
-def _written_folder(place: StoragePlace) -> Iterator[Path]:
+def _write_folder(place: StoragePlace) -> Iterator[Path]:
     """Yield an empty folder whose content is put to a place if the block succeeds."""
     target = place.folder
     if target is None:

@@ -104,7 +104,7 @@ class KittiFormat(DatasetFormat):
         for world, cameras in camera_sequences(dataset.records):
             for left, right in _stereo_pairs([_with_color(camera) for camera in cameras]):
                 name = f"{len(described):02d}"
-                described[name] = _described(left, right)
+                described[name] = _describe(left, right)
                 folder = target / "sequences" / name
                 scans = _first_lidar(dataset, world)
                 _write_texts(target, name, left, right, scans)
@@ -192,7 +192,7 @@ def _baseline_m(left: CameraSequence, right: CameraSequence) -> float:
     return baseline_m if np.abs(offset).max() < RECTIFIED_M else 0.0
 
 
-def _described(left: CameraSequence, right: CameraSequence | None) -> dict[str, Any]:
+def _describe(left: CameraSequence, right: CameraSequence | None) -> dict[str, Any]:
     return {
         "world": left.world,
         "split": left.split,

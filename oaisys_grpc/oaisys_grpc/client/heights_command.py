@@ -49,20 +49,20 @@ def heights(
 
     if out.suffix not in SUFFIXES:
         raise InvalidInputError("out", str(out), f"a file that ends in {', '.join(SUFFIXES)}")
-    wanted = None if extent is None else _parsed(extent)
+    wanted = None if extent is None else _parse(extent)
     tls = client_tls(tls_ca, tls_cert, tls_key)
     if address is not None:
-        grid = _served(address, tls, resolution, wanted)
+        grid = _request_heights(address, tls, resolution, wanted)
     elif tls is not None:
         raise InvalidInputError("address", None, "the server that the TLS options are for")
     else:
-        grid = _built(config, seed, backend, batch, resolution, wanted)
+        grid = _build(config, seed, backend, batch, resolution, wanted)
     write_heights(out, grid)
     rows, columns = grid.ground_m.shape
     typer.echo(f"{out}: {columns} x {rows} cells of {grid.spacing_m:g} m")
 
 
-def _served(
+def _request_heights(
     address: str, tls: ClientTls | None, resolution_m: float, extent_m: Extent | None
 ) -> HeightGrid:
     from oaisys_grpc.client.simulator_client import SimulatorClient
@@ -71,7 +71,7 @@ def _served(
         return client.height_grid(resolution_m, extent_m)
 
 
-def _built(
+def _build(
     config: Path | None,
     seed: int | None,
     backend: str | None,
@@ -97,7 +97,7 @@ def _built(
             simulation.close()
 
 
-def _parsed(extent: str) -> Extent:
+def _parse(extent: str) -> Extent:
     expected = "min_x,min_y,max_x,max_y in metres, such as -5,-5,5,5"
     try:
         x0, y0, x1, y1 = (float(part) for part in extent.split(","))

@@ -150,7 +150,7 @@ class SampleStream:
         if kind == "sample":
             self._header = part.sample
         elif kind == "frame":
-            yield from self._completed()
+            yield from self._complete()
             yield from self._begin(part.frame)
         elif kind == "chunk":
             yield from self._add(part.chunk)
@@ -158,14 +158,14 @@ class SampleStream:
             for member in part.group.parts:
                 yield from self._take(member)
         elif kind == "end":
-            yield from self._completed()
-            yield from self._fetched()
+            yield from self._complete()
+            yield from self._fetch_frame()
             self._finish(part.end)
 
     def _begin(self, header: pb.FrameHeader) -> Iterator[Frame | LidarScan]:
         content = header.WhichOneof("content")
         if content == "shared_memory":
-            yield from self._shared(header)
+            yield from self._map_shared(header)
             return
         assembly = ArrayAssembly(header.array, self._limit)
         self._begun = header, assembly
@@ -178,17 +178,17 @@ class SampleStream:
             raise OaisysError("a chunk came without its frame")
         self._begun[1].add(chunk)
         if self._begun[1].is_complete:
-            yield from self._completed()
+            yield from self._complete()
 
-    def _completed(self) -> Iterator[Frame | LidarScan]:
+    def _complete(self) -> Iterator[Frame | LidarScan]:
         """Yield the frame that has begun, if there is one."""
         if self._begun is None:
             return
         header, assembly = self._begun
         self._begun = None
-        yield from self._kept(FrameMessage(header, assembly.array()))
+        yield from self._keep(FrameMessage(header, assembly.array()))
 
-    def _shared(self, header: pb.FrameHeader) -> Iterator[Frame | LidarScan]:
+    def _map_shared(self, header: pb.FrameHeader) -> Iterator[Frame | LidarScan]:
         """Yield a frame that lies in the server's memory, or note that it must be fetched."""
         size = arrays.check_nbytes(header.array, self._limit)
         try:
@@ -199,9 +199,9 @@ class SampleStream:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
             return
-        yield from self._kept(FrameMessage(header, arrays.decode(header.array, data)))
+        yield from self._keep(FrameMessage(header, arrays.decode(header.array, data)))
 
-    def _fetched(self) -> Iterator[Frame | LidarScan]:
+    def _fetch_frame(self) -> Iterator[Frame | LidarScan]:
         if not self._unread or self._fetch is None:
             return
         sample = self._fetch(self.outline.batch_id, self.outline.sample_id)
@@ -213,7 +213,7 @@ class SampleStream:
             self._frames[name] = sample.frame(name.sensor, name.modality)
             yield self._frames[name]
 
-    def _kept(self, message: FrameMessage) -> Iterator[Frame | LidarScan]:
+    def _keep(self, message: FrameMessage) -> Iterator[Frame | LidarScan]:
         """Keep and yield a frame or a scan."""
         if message.header.modality == POINTS:
             scan = self._scans[message.header.sensor] = scan_from_message(message)
@@ -258,7 +258,7 @@ class SampleClient:
 
     def transfer(self, timeout_s: float) -> Transfer:
         """Return how frames should come; asks the server once whether it shares memory."""
-        return replace(self._wanted, token=self._found_token(timeout_s))
+        return replace(self._wanted, token=self._find_token(timeout_s))
 
     @contextlib.contextmanager
     def render(
@@ -303,7 +303,7 @@ class SampleClient:
         limit = self._wanted.frame_bytes
         return SampleStream(parts, limit=limit, reader=self._reader, fetch=fetch, cancel=cancel)
 
-    def _found_token(self, timeout_s: float) -> bytes:
+    def _find_token(self, timeout_s: float) -> bytes:
         with self._lock:
             now_s = time.monotonic()
             if self._token or self._ask_from_s is None or now_s < self._ask_from_s:

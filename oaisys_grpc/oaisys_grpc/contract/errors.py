@@ -104,7 +104,7 @@ def status_from_error(error: OaisysError) -> Status:
         retry.retry_delay.FromMilliseconds(int(1000 * delay_s))
         details.append(retry)
     code, _ = status_code.value
-    return Status(code=code, message=fault.message, details=[_packed(d) for d in details])
+    return Status(code=code, message=fault.message, details=[_pack(d) for d in details])
 
 
 def error_from_status(status: Status) -> OaisysError | None:
@@ -161,7 +161,7 @@ def error_from_rpc(error: grpc.RpcError) -> OaisysError:
     return kind(f"{told} ({said})" if told else said)
 
 
-def _packed(detail: Message) -> AnyMessage:
+def _pack(detail: Message) -> AnyMessage:
     packed = AnyMessage()
     packed.Pack(detail)
     return packed

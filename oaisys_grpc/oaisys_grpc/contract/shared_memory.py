@@ -201,8 +201,8 @@ class Reader:
             descriptor = open_location(location)
             with self._lock:
                 if not self._has_room(location.file_size):
-                    return _copied(descriptor, location.offset, size)
-                segment = files[location.token] = _mapped(descriptor, location.file_size)
+                    return _copy(descriptor, location.offset, size)
+                segment = files[location.token] = _map(descriptor, location.file_size)
                 self._mapped.add(segment)
         return np.frombuffer(segment, np.uint8, size, location.offset)
 
@@ -275,14 +275,14 @@ def _write(descriptor: int, data: NDArray[np.uint8], offset: int) -> None:
         rest, offset = rest[count:], offset + count
 
 
-def _mapped(descriptor: int, size: int) -> Segment:
+def _map(descriptor: int, size: int) -> Segment:
     try:
         return Segment(descriptor, size)
     except (OSError, ValueError) as error:
         raise SharedMemoryError(f"cannot map shared memory: {error}") from error
 
 
-def _copied(descriptor: int, offset: int, size: int) -> NDArray[np.uint8]:
+def _copy(descriptor: int, offset: int, size: int) -> NDArray[np.uint8]:
     content = np.empty(size, np.uint8)
     rest = content.data
     try:

@@ -131,7 +131,7 @@ def sample_to_parts(
         if sample.end is not None:
             yield pb.SamplePart(end=sample.end)
 
-    yield from _grouped(parts(), transfer)
+    yield from _group_parts(parts(), transfer)
 
 
 def _frame_parts(frame: FrameMessage, transfer: Transfer) -> Iterator[pb.SamplePart]:
@@ -150,7 +150,7 @@ def _frame_parts(frame: FrameMessage, transfer: Transfer) -> Iterator[pb.SampleP
         part.frame.shared_memory.CopyFrom(location_to_proto(location))
         yield part
         return
-    part, data = _encoded_part(frame, transfer.encodings)
+    part, data = _encode_part(frame, transfer.encodings)
     if data.size <= transfer.inline_bytes:
         part.frame.data = data.tobytes()
         yield part
@@ -160,7 +160,7 @@ def _frame_parts(frame: FrameMessage, transfer: Transfer) -> Iterator[pb.SampleP
         yield pb.SamplePart(chunk=chunk)
 
 
-def _encoded_part(
+def _encode_part(
     frame: FrameMessage, accepted: Iterable[int]
 ) -> tuple[pb.SamplePart, NDArray[np.uint8]]:
     """Return a copy of a frame's header for its encoded image, and the image's bytes."""
@@ -185,7 +185,7 @@ def frame_response(
     found = [f for f in sample.frames if FrameName(f.header.sensor, f.header.modality) == name]
     if not found:
         raise NotFoundError(f"the sample has no frame {name.sensor}/{name.modality}")
-    part, data = _encoded_part(found[0], accepted)
+    part, data = _encode_part(found[0], accepted)
     if data.size > MAX_MESSAGE_BYTES:
         expected = f"a frame of at most {MAX_MESSAGE_BYTES} bytes: GetSample sends larger ones"
         raise InvalidInputError("modality", f"{name.modality} of {data.size} bytes", expected)
@@ -193,7 +193,7 @@ def frame_response(
     return pb.GetFrameResponse(sample=sample.header, frame=part.frame)
 
 
-def _grouped(parts: Iterable[pb.SamplePart], transfer: Transfer) -> Iterator[pb.SamplePart]:
+def _group_parts(parts: Iterable[pb.SamplePart], transfer: Transfer) -> Iterator[pb.SamplePart]:
     """Yield parts with neighbours put together, for a client that takes them so."""
     group: list[pb.SamplePart] = []
     inline_bytes = chunk_bytes = 0

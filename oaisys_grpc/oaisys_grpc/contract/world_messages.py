@@ -89,7 +89,7 @@ def mesh_from_parts(
     Raises:
         OaisysError: Parts are missing, contradict each other, or are beyond the limit.
     """
-    _, arrays_by_name = _assembled(parts, _MESH_ARRAYS, ("vertices_m", "triangles"), limit)
+    _, arrays_by_name = _assemble(parts, _MESH_ARRAYS, ("vertices_m", "triangles"), limit)
     return TriangleMesh(**arrays_by_name)
 
 
@@ -126,12 +126,12 @@ def heights_from_parts(
     Raises:
         OaisysError: Parts are missing, contradict each other, or are beyond the limit.
     """
-    header, heights_m = _assembled(parts, _HEIGHT_ARRAYS, _HEIGHT_ARRAYS, limit)
+    header, heights_m = _assemble(parts, _HEIGHT_ARRAYS, _HEIGHT_ARRAYS, limit)
     ground_m, surface_m = (heights_m[name] for name in _HEIGHT_ARRAYS)
     return HeightGrid(ground_m, surface_m, (header.origin_x_m, header.origin_y_m), header.spacing_m)
 
 
-def _assembled(
+def _assemble(
     parts: Iterable[Any], names: Sequence[str], required: Sequence[str], limit: int
 ) -> tuple[Any, dict[str, AnyArray]]:
     """Return the header in a stream of arrays, and the arrays, by the header's names of them.

@@ -45,14 +45,14 @@ class LegacyFiles:
         Raises:
             RenderError: A file could not be written.
         """
-        self._writer = self._writer or self._begun()
+        self._writer = self._writer or self._begin()
         place = {name: index for index, name in enumerate(cameras)}
         frames = sorted(sample.frames, key=lambda f: (-place[f.sensor], _LAST.get(f.modality, 0)))
         renamed = [replace(frame, sensor=f"sensor_{place[frame.sensor] + 1}") for frame in frames]
         paths = self._writer.write(replace(sample, frames=tuple(renamed)), labels)
         return tuple(str(path) for path in paths)
 
-    def _begun(self) -> SampleWriter:
+    def _begin(self) -> SampleWriter:
         folder = self._folder.resolve()
         for number in itertools.count(1):
             writer = SampleWriter(folder if number == 1 else folder / f"run_{number:04d}")

@@ -112,7 +112,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             metadata = metadata_to_proto(self._metadata(request))
             step = simulator_pb2.StepSampleRequest(metadata=metadata).SerializeToString()
             job = Job(Kind.SAMPLE, "step_sample", step, OPERATION_TIMEOUT_S)
-            batch_id, sample_id = self._admitted(*self._begin(job), context)
+            batch_id, sample_id = self._await_sample(*self._begin(job), context)
         except OaisysError as error:
             self._refuse(Kind.SAMPLE, error)
             _tell(context, error)
@@ -218,7 +218,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         cameras = [sensor.name for sensor in info.sensors]
         return self._files.write(sample, cameras, info.semantic_labels)
 
-    def _admitted(
+    def _await_sample(
         self, operation: Operation, followed: Future[None], context: Context
     ) -> tuple[int, int]:
         """Wait until a sample has begun; return its batch and sample id.

@@ -141,7 +141,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def GetSample(self, request: pb.GetSampleRequest, _: Context) -> Iterator[pb.GetSampleResponse]:
         """Send a recent sample."""
         sample = self._operations.samples.get(request.batch_id, request.sample_id)
-        for part in sample_to_parts(sample, self._granted(request)):
+        for part in sample_to_parts(sample, self._grant(request)):
             yield pb.GetSampleResponse(part=part)
 
     def GetFrame(self, request: pb.GetFrameRequest, _: Context) -> pb.GetFrameResponse:
@@ -155,7 +155,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     ) -> Iterator[pb.RenderSampleResponse]:
         """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
         operation = self._operations.submit(sample_job(request, remaining_s(context), context))
-        for event in self._rendered(operation, self._granted(request), _gone(context)):
+        for event in self._render(operation, self._grant(request), _gone(context)):
             if isinstance(event, OperationStatus):
                 yield pb.RenderSampleResponse(operation=self._status(operation, event))
             else:
@@ -166,22 +166,22 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     ) -> pb.SetTrajectoryResponse:
         """Have the worker plan a trajectory, and keep it."""
         poses_from_proto(request.poses)
-        planned = self._asked("plan_trajectory", request, context)
+        planned = self._ask_worker("plan_trajectory", request, context)
         trajectory = self._trajectories.add(pb.Trajectory.FromString(planned.content))
         return pb.SetTrajectoryResponse(trajectory=trajectory)
 
     def Drive(self, request: pb.DriveRequest, context: Context) -> Iterator[pb.DriveResponse]:
         """Send what the sensors measure along a trajectory, one sample after the other."""
         # Without shared memory, gRPC's flow control stops a drive whose reader is slow.
-        transfer = replace(self._granted(request), token=b"")
+        transfer = replace(self._grant(request), token=b"")
         gone = _gone(context)
 
         def ask(method: str, step: pb.DriveStep) -> bytes:
-            return self._asked(method, step, context).content
+            return self._ask_worker(method, step, context).content
 
         def render(step: pb.DriveStep) -> Iterator[pb.SamplePart | OperationStatus]:
             operation = self._operations.submit(drive_job(step, remaining_s(context), context))
-            return self._rendered(operation, transfer, gone)
+            return self._render(operation, transfer, gone)
 
         work = DriveWork(ask, render, gone)
         yield from DriveJobs(request, self._trajectories.get(request.trajectory), work).events()
@@ -206,14 +206,14 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         if count % 3 or count > 3 * MAX_POINTS:
             expected = f"x, y, z of at most {MAX_POINTS} points"
             raise InvalidInputError("points_m", f"{count} numbers", expected)
-        answer = self._asked("query_height", request, context)
+        answer = self._ask_worker("query_height", request, context)
         return pb.QueryHeightResponse.FromString(answer.content)
 
     def ListObjects(
         self, request: pb.ListObjectsRequest, context: Context
     ) -> pb.ListObjectsResponse:
         """Ask the worker for objects of the world."""
-        answer = self._asked("list_objects", request, context)
+        answer = self._ask_worker("list_objects", request, context)
         return pb.ListObjectsResponse.FromString(answer.content)
 
     def EndSimulation(self, *_: object) -> pb.EndSimulationResponse:
@@ -221,7 +221,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._on_end()
         return pb.EndSimulationResponse()
 
-    def _rendered(
+    def _render(
         self, operation: Operation, transfer: Transfer, gone: threading.Event
     ) -> Iterator[pb.SamplePart | OperationStatus]:
         """Yield the parts of a sample as soon as they are ready, and its status until its end.
@@ -244,12 +244,12 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             sample = self._operations.samples.get(status.batch_id, status.sample_id)
             yield from sample_to_parts(sample, transfer)
 
-    def _granted(
+    def _grant(
         self, request: pb.GetSampleRequest | pb.RenderSampleRequest | pb.DriveRequest
     ) -> Transfer:
         return grant(transfer_from_proto(request.transfer), self._probe)
 
-    def _asked(self, method: str, request: Message, context: Context) -> WorkerMessage:
+    def _ask_worker(self, method: str, request: Message, context: Context) -> WorkerMessage:
         """Enqueue a question, wait, and return the worker's answer."""
         content = request.SerializeToString()
         job = Job(None, method, content, remaining_s(context), peer=context.peer())
@@ -267,7 +267,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self, response: Any, method: str, request: Message, context: Context
     ) -> Iterator[Any]:
         """Ask the worker for arrays; yield messages with their header and then their chunks."""
-        answer = self._asked(method, request, context)
+        answer = self._ask_worker(method, request, context)
         yield response.FromString(answer.content)
         for index, data in enumerate(answer.arrays):
             for chunk in array_chunks(data, index):

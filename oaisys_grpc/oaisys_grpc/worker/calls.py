@@ -140,7 +140,7 @@ class SimulationCalls:
         """Set the simulation up, in the state that an earlier worker left."""
         config = config_from_mapping(call.head["config"])
         simulation = Simulation(
-            config, pose_cache_bytes=call.head["pose_cache_bytes"], place_frames=self._placed
+            config, pose_cache_bytes=call.head["pose_cache_bytes"], place_frames=self._place
         )
         self.roots = AssetRoots.of(map(Path, call.head["asset_roots"]), config)
         if call.head["state"] is not None:
@@ -171,7 +171,7 @@ class SimulationCalls:
             sensors=names(request.sensors, "sensors"),
             progress=context.progress,
         )
-        return _sent(steps, context)
+        return _send_frames(steps, context)
 
     def _plan_trajectory(self, call: WorkerMessage, _context: CallContext) -> Reply:
         request = pb.SetTrajectoryRequest.FromString(call.content)
@@ -195,7 +195,7 @@ class SimulationCalls:
             motion=view.motion,
             progress=context.progress,
         )
-        return _sent(steps, context)
+        return _send_frames(steps, context)
 
     def _withdraw_sample(self, _call: WorkerMessage, _context: CallContext) -> Reply:
         self._ready().withdraw_sample()
@@ -233,7 +233,7 @@ class SimulationCalls:
             raise NotReadyError("the worker was not started")
         return self._drives
 
-    def _placed(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+    def _place(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
         """Return frames as they lie in one segment of shared memory; small ones stay as they are.
 
         The cache then keeps what is sent, and what it keeps is sent again without being copied.
@@ -250,7 +250,7 @@ class SimulationCalls:
         return tuple(replace(f, data=image) for f, image in zip(frames, images, strict=True))
 
 
-def _sent(steps: SampleSteps, context: CallContext) -> Reply:
+def _send_frames(steps: SampleSteps, context: CallContext) -> Reply:
     """Send the frames of a sample as they become ready; return the end of the sample."""
     with ThreadPoolExecutor(1, "sender") as executor:
         sender = _FrameSender(context, executor)

@@ -90,7 +90,7 @@ class DriveCalls:
         if count > MAX_POSES:
             expected = f"a trajectory of at most {MAX_POSES} poses"
             raise InvalidInputError("drive", f"one of {count}", expected)
-        return trajectory_to_proto(_described(plan))
+        return trajectory_to_proto(_describe(plan))
 
     def header(self, step: pb.DriveStep) -> pb.DriveHeader:
         """Return what a drive will consist of."""
@@ -160,7 +160,7 @@ def _plan_of(
     return plan_along(trajectory, change_drive(configured, {**changes, **way}))
 
 
-def _described(plan: DrivePlan) -> PlannedTrajectory:
+def _describe(plan: DrivePlan) -> PlannedTrajectory:
     trajectory = plan.trajectory
     return PlannedTrajectory(
         name="",
@@ -175,7 +175,7 @@ def _described(plan: DrivePlan) -> PlannedTrajectory:
 
 
 def _plan_from(message: pb.Trajectory) -> DrivePlan:
-    """Return the plan that `_described` describes."""
+    """Return the plan that `_describe` describes."""
     poses = poses_from_proto(message.poses)
     trajectory = Trajectory(poses.times_s, poses.positions_m, poses.quats_xyzw)
     return DrivePlan(

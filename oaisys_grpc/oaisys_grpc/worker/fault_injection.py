@@ -38,7 +38,7 @@ def inject(moment: Moment, progress: ProgressCallback) -> None:
     """Inject the faults of a moment: each ``sample`` is counted as it begins."""
     global _samples
     _samples += moment == "sample"
-    for fault in _wanted():
+    for fault in _faults_of_sample():
         if fault == _ASKED:
             continue
         prefix = next((p for p in _PREFIXES.values() if p and fault.startswith(p)), "")
@@ -48,11 +48,11 @@ def inject(moment: Moment, progress: ProgressCallback) -> None:
 
 def inject_asked(request: bytes) -> None:
     """End the worker if a request asks for it and ``OAISYS_FAULT`` lets it."""
-    if CRASH_TEXT in request and _ASKED in _wanted():
+    if CRASH_TEXT in request and _ASKED in _faults_of_sample():
         os.abort()
 
 
-def _wanted() -> Iterator[str]:
+def _faults_of_sample() -> Iterator[str]:
     """Yield the faults of the sample that is being rendered."""
     if os.environ.get("OAISYS_TEST_BUILD") != "1":
         return

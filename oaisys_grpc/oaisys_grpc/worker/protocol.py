@@ -75,7 +75,7 @@ class Connection:
         Raises:
             OSError: The other end is gone.
         """
-        places, segments, inline = _placed(arrays)
+        places, segments, inline = _place(arrays)
         text = json.dumps({**head, "arrays": places}).encode()
         prefix = _PREFIX.pack(len(text), len(content), len(inline), len(segments))
         data, sent = b"".join((prefix, text, content, inline)), 0
@@ -129,7 +129,7 @@ class Connection:
         return bytes(data)
 
 
-def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayLocation], list[Segment], bytes]:
+def _place(arrays: Sequence[AnyArray]) -> tuple[list[ArrayLocation], list[Segment], bytes]:
     """Return where arrays travel.
 
     Arrays that lie in a segment stay there. The others go into a new one if they are large, else

@@ -105,7 +105,7 @@ class PerturbationResult:
         }
 
 
-def _unchanged(frame: PosedDepth, _: int) -> PosedDepth:
+def _keep(frame: PosedDepth, _: int) -> PosedDepth:
     return frame
 
 
@@ -115,23 +115,23 @@ def _with_wrong_focal_length(frame: PosedDepth, _: int) -> PosedDepth:
     return replace(frame, intrinsics=replace(camera, fx_px=fx_px, fy_px=fy_px))
 
 
-def _shifted(frame: PosedDepth, shift_m: FloatArray) -> PosedDepth:
+def _shift(frame: PosedDepth, shift_m: FloatArray) -> PosedDepth:
     T_map_camera = frame.T_map_camera.copy()
     T_map_camera[:3, 3] += shift_m
     return replace(frame, T_map_camera=T_map_camera)
 
 
-def _shifted_sideways(frame: PosedDepth, _: int) -> PosedDepth:
-    return _shifted(frame, POSE_ERROR_M * np.array((1.0, 0.0, 0.0)))
+def _shift_sideways(frame: PosedDepth, _: int) -> PosedDepth:
+    return _shift(frame, POSE_ERROR_M * np.array((1.0, 0.0, 0.0)))
 
 
-def _shifted_up(frame: PosedDepth, _: int) -> PosedDepth:
-    return _shifted(frame, POSE_ERROR_M * np.array((0.0, 0.0, 1.0)))
+def _shift_up(frame: PosedDepth, _: int) -> PosedDepth:
+    return _shift(frame, POSE_ERROR_M * np.array((0.0, 0.0, 1.0)))
 
 
-def _shifted_randomly(frame: PosedDepth, index: int) -> PosedDepth:
+def _shift_randomly(frame: PosedDepth, index: int) -> PosedDepth:
     direction = np.random.default_rng([SCATTER_SEED, index]).normal(size=3)
-    return _shifted(frame, POSE_ERROR_M * direction / np.linalg.norm(direction))
+    return _shift(frame, POSE_ERROR_M * direction / np.linalg.norm(direction))
 
 
 def _range_as_depth(frame: PosedDepth, _: int) -> PosedDepth:
@@ -140,17 +140,17 @@ def _range_as_depth(frame: PosedDepth, _: int) -> PosedDepth:
     return replace(frame, depth_m=range_m.astype(np.float32))
 
 
-UNPERTURBED = Perturbation("none", "the frames as they are", _unchanged)
+UNPERTURBED = Perturbation("none", "the frames as they are", _keep)
 PERTURBATIONS = (
     Perturbation("focal_length", f"focal length times {FOCAL_FACTOR:g}", _with_wrong_focal_length),
     Perturbation(
-        "pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _shifted_sideways
+        "pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _shift_sideways
     ),
-    Perturbation("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _shifted_up),
+    Perturbation("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _shift_up),
     Perturbation(
         "pose_scattered",
         f"every pose {POSE_ERROR_M * 100:g} cm off, each to another side",
-        _shifted_randomly,
+        _shift_randomly,
     ),
     Perturbation("range_as_depth", "length along the ray taken for depth along z", _range_as_depth),
 )

@@ -220,13 +220,13 @@ def measure_again(
     measured = found.metrics.to_dict()
     names = COMPARED if classes is None else (*COMPARED, "least_iou")
     return [
-        _compared(name, figures[name], measured.get(name))
+        _compare(name, figures[name], measured.get(name))
         for name in names
         if figures.get(name) is not None
     ]
 
 
-def _compared(name: str, said: float, found: float | None) -> CheckResult:
+def _compare(name: str, said: float, found: float | None) -> CheckResult:
     if found is None:
         return CheckResult(f"{name}: {said:.6g} in the certificate, cannot be measured", False)
     allowed = RATIO_TOLERANCE

@@ -131,7 +131,7 @@ def views_seeing(
         on_progress(f"what view {number} of {len(views)} sees of the truth")
         candidates = np.flatnonzero(times < max_count)
         candidates = candidates[_in_image(points, candidates, view, max_range_m)]
-        times[candidates[_unoccluded(points.points_m[candidates], view, scene)]] += 1
+        times[candidates[_is_visible(points.points_m[candidates], view, scene)]] += 1
     return times
 
 
@@ -149,7 +149,7 @@ def _in_image(
     return np.asarray(ahead & inside & facing)
 
 
-def _unoccluded(points_m: FloatArray, view: PosedCamera, scene: Any) -> NDArray[np.bool_]:
+def _is_visible(points_m: FloatArray, view: PosedCamera, scene: Any) -> NDArray[np.bool_]:
     import open3d as o3d
 
     origin_m = view.T_map_camera[:3, 3]

@@ -54,15 +54,15 @@ def odometry_checks(drive: RecordedDrive, bag: Path | None, say: Say) -> list[Od
     info = drive.description.info
     if drive.description.length_m < MIN_WAY_M or len(drive.motion.times_s) < 2:
         return []
-    checks = [_checked("odometry", "evo", say, lambda: _odometry_figures(drive))]
+    checks = [_check("odometry", "evo", say, lambda: _odometry_figures(drive))]
     for lidar in info.lidars:
         checks += _lidar_checks(drive, lidar, bag, say)
     for imu in info.imus:
-        checks.append(_checked(imu.name, "gtsam", say, partial(_imu_figures, drive, imu)))
+        checks.append(_check(imu.name, "gtsam", say, partial(_imu_figures, drive, imu)))
     return checks
 
 
-def _checked(
+def _check(
     sensor: str, program: str, say: Say, measure: Callable[[], dict[str, Any]]
 ) -> OdometryCheck:
     say(f"{program} on {sensor}")
@@ -97,12 +97,12 @@ def _lidar_checks(
         estimate = kiss_icp(bag, topic, max_range_m=MAX_RANGE_M, deskew=deskew)
         return asdict(judge(estimate, truth, lidar.T_base_lidar, scan_s))
 
-    with_times = _checked(
+    with_times = _check(
         lidar.name, "kiss-icp", say, lambda: figures(deskew=True, scan_s=lidar.period_s)
     )
     if with_times.problem:
         return [with_times]
-    without = _checked(
+    without = _check(
         lidar.name,
         "kiss-icp without the points' times",
         say,

@@ -115,18 +115,18 @@ def _figures(data: Any) -> ImuFigures:
     times_s = measured[:, 0]
     T, velocity_m_s = motion.at(times_s)
     way_m = float(np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1).sum())
-    end_m = _predicted_end_m(measured, T[0], velocity_m_s[0], gravity_m_s2)
+    end_m = _predict_end_m(measured, T[0], velocity_m_s[0], gravity_m_s2)
     error_m = float(np.linalg.norm(end_m - T[-1, :3, 3]))
     return ImuFigures(
         seconds=float(times_s[-1] - times_s[0]),
         way_m=way_m,
         end_error_m=error_m,
         end_error_share=error_m / way_m,
-        turned_deg=_turned_deg(measured, T, velocity_m_s, gravity_m_s2),
+        turned_deg=_rotation_deg(measured, T, velocity_m_s, gravity_m_s2),
     )
 
 
-def _integrated(measured: FloatArray, gravity_m_s2: float) -> Any:
+def _integrate(measured: FloatArray, gravity_m_s2: float) -> Any:
     """Return GTSAM's preintegration of consecutive measurements by the midpoint rule.
 
     GTSAM takes a specific force as constant in the axes that the IMU has when an interval begins,
@@ -147,18 +147,18 @@ def _integrated(measured: FloatArray, gravity_m_s2: float) -> Any:
     return integrated
 
 
-def _predicted_end_m(
+def _predict_end_m(
     measured: FloatArray, T_map_imu: FloatArray, velocity_m_s: FloatArray, gravity_m_s2: float
 ) -> FloatArray:
     import gtsam
 
     start = gtsam.NavState(gtsam.Pose3(T_map_imu), velocity_m_s)
-    integrated = _integrated(measured, gravity_m_s2)
+    integrated = _integrate(measured, gravity_m_s2)
     end = integrated.predict(start, gtsam.imuBias.ConstantBias())
     return np.asarray(end.pose().translation())
 
 
-def _turned_deg(
+def _rotation_deg(
     measured: FloatArray, T: FloatArray, velocity_m_s: FloatArray, gravity_m_s2: float
 ) -> float:
     """Return the angle of the rotation that best takes measured to true changes of motion."""
@@ -168,7 +168,7 @@ def _turned_deg(
     found, expected = [], []
     for first in range(0, len(measured) - length, length):
         rows = measured[first : first + length + 1]
-        integrated = _integrated(rows, gravity_m_s2)
+        integrated = _integrate(rows, gravity_m_s2)
         found.append(integrated.deltaVij())
         changed = velocity_m_s[first + length] - velocity_m_s[first]
         expected.append(T[first, :3, :3].T @ (changed - down * (rows[-1, 0] - rows[0, 0])))

@@ -112,13 +112,13 @@ def _pictures(drive: RecordedDrive) -> dict[str, bytes]:
                 for each in drive.pictures
                 if (each.frame.sensor, each.frame.modality) == (camera.name, modality)
             ]
-            if frames and (images := _colored(frames, labels)):
+            if frames and (images := _color(frames, labels)):
                 sheet = pictures.sheet(images, len(images))
                 files[f"camera_{camera.name}_{modality}.jpg"] = pictures.jpeg(sheet)
     return files
 
 
-def _colored(frames: Sequence[Frame], labels: Mapping[int, str]) -> list[NDArray[np.uint8]] | None:
+def _color(frames: Sequence[Frame], labels: Mapping[int, str]) -> list[NDArray[np.uint8]] | None:
     """Return frames of one modality as pictures; None if it has none."""
     modality = frames[0].modality
     if modality == RGB:

@@ -84,7 +84,7 @@ class PageGuard:
         except ValueError:
             return name in self._names
 
-    def _wrapped(self, process: Process) -> Process:
+    def _wrap(self, process: Process) -> Process:
         async def guard(connection: Any, request: Request) -> Answer:
             if reason := self.fault(request):
                 self.refused += 1

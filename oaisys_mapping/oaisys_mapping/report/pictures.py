@@ -59,15 +59,15 @@ LABEL_COLORS: Image = np.array(
 
 def png(image: Image) -> bytes:
     """Return an image as a PNG file."""
-    return _encoded(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 7])
+    return _encode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 7])
 
 
 def jpeg(image: Image) -> bytes:
     """Return an image as a JPEG file, for photographs."""
-    return _encoded(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])
+    return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
-def _encoded(suffix: str, image: Image, parameters: Sequence[int]) -> bytes:
+def _encode(suffix: str, image: Image, parameters: Sequence[int]) -> bytes:
     _, buffer = cv2.imencode(suffix, np.ascontiguousarray(image[..., ::-1]), parameters)
     return bytes(buffer)
 
@@ -81,14 +81,16 @@ def mesh_views(mesh: ColoredMesh) -> dict[str, Image]:
     for name, (way, (width_px, height_px)) in MESH_SIDES.items():
         pose = pose_looking_at(middle_m + np.array(way) * size_m, middle_m)
         T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
-        camera = _filled_by(mesh, T_map_camera, width_px * OVERSAMPLING, height_px * OVERSAMPLING)
+        camera = _camera_filled_by(
+            mesh, T_map_camera, width_px * OVERSAMPLING, height_px * OVERSAMPLING
+        )
         large = _mesh_picture(mesh, scene, camera, T_map_camera)
         small = cv2.resize(large, (width_px, height_px), interpolation=cv2.INTER_AREA)
         pictures[name] = np.asarray(small, np.uint8)
     return pictures
 
 
-def _filled_by(
+def _camera_filled_by(
     mesh: ColoredMesh, T_map_camera: FloatArray, width_px: int, height_px: int
 ) -> PinholeIntrinsics:
     """Return the camera whose image the mesh just fills."""

@@ -96,7 +96,7 @@ class IncrementalMesh:
         regions = np.unique(block_keys(others // REGION_BLOCKS))
         missing = np.setdiff1d(regions, np.fromiter(meshes, np.int64, len(meshes)))
         meshes.update(self._surfaces(missing, read))
-        return self._joined([meshes[number] for number in sorted(meshes)])
+        return self._join([meshes[number] for number in sorted(meshes)])
 
     def _surfaces(
         self, regions: NDArray[np.int64], read: BlockReader
@@ -117,13 +117,13 @@ class IncrementalMesh:
         for done in POOL.map(work, parts):
             yield from done
 
-    def _joined(self, meshes: list[_RegionMesh]) -> ColoredMesh:
+    def _join(self, meshes: list[_RegionMesh]) -> ColoredMesh:
         if not meshes:
             return _no_mesh(has_classes=self._classes_at is not None)
         counts = np.array([len(mesh.vertices_m) for mesh in meshes])
         faces = np.array([len(mesh.triangles) for mesh in meshes])
         first = np.cumsum(counts) - counts
-        kept, number = _welded(meshes, first, int(counts.sum()))
+        kept, number = _weld(meshes, first, int(counts.sum()))
         local = np.concatenate([mesh.triangles for mesh in meshes])
         local += np.repeat(first, faces).astype(np.int32)[:, None]
         ids, probabilities = None, None
@@ -174,7 +174,7 @@ def _edge_numbers(sample: NDArray[np.int64], axis: NDArray[np.int32]) -> NDArray
     return np.asarray(((x << 40) | (y << 20) | z) * 3 + axis)
 
 
-def _welded(
+def _weld(
     meshes: list[_RegionMesh], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
     """Return the vertices kept, the first on each edge, and every vertex's new number."""

@@ -83,7 +83,7 @@ def _integrate_batch(
 ) -> NDArray[np.bool_]:
     slots = slots[first : first + BATCH_BLOCKS]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        pixels, z_m, (least_m, most_m) = _projected(
+        pixels, z_m, (least_m, most_m) = _project(
             blocks[first : first + BATCH_BLOCKS], images, config.voxel_size_m
         )
         depth_m = images.depth_m.take(pixels)
@@ -139,7 +139,7 @@ def _label_shares(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(falloff / (falloff + np.square(ahead)), np.float32)
 
 
-def _projected(
+def _project(
     blocks: BlockCoordinates, images: PaddedImages, voxel_size_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], tuple[float, float]]:
     """Return (N, `VOXELS`) flat pixels and depths of all voxels, and the depths' extremes."""

@@ -140,9 +140,9 @@ def region_surfaces(
         voxel_size_m: Edge length of a voxel.
         classes_at: Gives the vertices' classes; None: they have none.
     """
-    samples = _padded_samples(arrays, slots)
-    cells, cubes = _crossed(samples)
-    edges, count = _crossed_edges(cubes)
+    samples = _pad_samples(arrays, slots)
+    cells, cubes = _find_cubes(samples)
+    edges, count = _edges_of_cubes(cubes)
     corner = _corner_in_region(blocks, cells)
     place = 3 * (region[cells // _SAMPLES] * REGION_SAMPLES**3 + corner @ _REGION_STEPS)
     keys = np.repeat(place, count)[:, None] + _edge_keys(REGION_SAMPLES)[edges]
@@ -170,7 +170,7 @@ def region_surfaces(
     )
 
 
-def _crossed_edges(cubes: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _edges_of_cubes(cubes: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the (T, 3) edges of all cubes' triangles, and each cube's number of triangles."""
     triangles, first, end = triangle_table()
     count = (end - first)[cubes]
@@ -184,7 +184,7 @@ def _corner_in_region(blocks: BlockCoordinates, cells: NDArray[np.int64]) -> NDA
     return np.asarray(corner[cells // _SAMPLES] + _sample_places(cells))
 
 
-def _padded_samples(
+def _pad_samples(
     arrays: Mapping[str, NDArray[Any]], slots: NDArray[np.int32]
 ) -> NDArray[np.float32]:
     """Return (N, 9, 9, 9) distances by z, y, x; NaN where nothing was observed."""
@@ -204,7 +204,7 @@ def _padded_samples(
     return samples
 
 
-def _crossed(samples: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+def _find_cubes(samples: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Return the flat samples at which crossed cubes start, and the cubes' numbers."""
     is_inside = samples < 0
     each = is_inside.reshape(len(samples), _SAMPLES)

@@ -128,17 +128,17 @@ def pad_images(
     weight = None
     if config.weighting != "constant" or config.weigh_incidence:
         weight = _weights(np.where(is_near, depth_m, config.max_range_m), camera, config)
-        weight = _padded(weight, 0)
+        weight = _pad(weight, 0)
     K = camera.K
     K[:2, 2] += 1.5  # Half a pixel turns truncation into rounding; one pixel is the border.
     T_camera_map = invert(T_map_camera)
     return PaddedImages(
         row_px=camera.width_px + 2,
         rows=camera.height_px + 2,
-        depth_m=_padded(measured_m.astype(np.float32), UNKNOWN_M),
+        depth_m=_pad(measured_m.astype(np.float32), UNKNOWN_M),
         weight=weight,
-        color=None if rgb is None else _padded_color(rgb),
-        labels=None if labels is None else _padded(labels, 0),
+        color=None if rgb is None else _pad_color(rgb),
+        labels=None if labels is None else _pad(labels, 0),
         pixel_from_map=(K @ T_camera_map[:3, :3], K @ T_camera_map[:3, 3]),
         max_range_m=config.max_range_m,
     )
@@ -169,11 +169,11 @@ def _incidence_cosines(depth_m: NDArray[Any], camera: PinholeIntrinsics) -> NDAr
     return np.asarray(np.maximum(cosine, MIN_COSINE))
 
 
-def _padded(image: NDArray[Any], value: float) -> NDArray[Any]:
+def _pad(image: NDArray[Any], value: float) -> NDArray[Any]:
     return np.pad(image, 1, constant_values=value).ravel()
 
 
-def _padded_color(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
+def _pad_color(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
     height, width, _ = rgb.shape
     padded = np.zeros((height + 2, width + 2, 4), np.uint8)
     padded[1:-1, 1:-1, :3] = rgb

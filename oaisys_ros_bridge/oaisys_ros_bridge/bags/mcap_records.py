@@ -198,7 +198,7 @@ def chunk_records(content: bytes) -> Iterator[tuple[int, bytes]]:
         DamagedRecordError: The chunk cannot be unpacked, or is not what its checksum says, or a
             record in it is no record.
     """
-    data = _unpacked(content)
+    data = _unpack(content)
     offset = 0
     while offset < len(data):
         head = data[offset : offset + _HEADER.size]
@@ -212,7 +212,7 @@ def chunk_records(content: bytes) -> Iterator[tuple[int, bytes]]:
         offset = end
 
 
-def _unpacked(content: bytes) -> bytes:
+def _unpack(content: bytes) -> bytes:
     _, _, size, checksum = _CHUNK.unpack_from(content)
     (name_length,) = struct.unpack_from("<I", content, _CHUNK.size)
     begin = _CHUNK.size + 4

@@ -53,7 +53,7 @@ class RecorderClient:
         selection = self._selection(timeout_s)
         self._client.wait(
             "the recorder to be known to the bridge on all its topics",
-            lambda: bool(self._matched) and all(map(self._is_heard, self._wanted(selection))),
+            lambda: bool(self._matched) and all(map(self._is_heard, self._choose(selection))),
             timeout_s,
         )
 
@@ -71,7 +71,7 @@ class RecorderClient:
             return TopicSelection.of(self._client.node, values)
         raise DeadlineExceededError(f"{RECORDER} did not answer within {timeout_s:g} s")
 
-    def _wanted(self, selection: TopicSelection) -> list[str]:
+    def _choose(self, selection: TopicSelection) -> list[str]:
         return [topic for topic in self._matched if selection.includes(topic)]
 
     def _is_heard(self, topic: str) -> bool:

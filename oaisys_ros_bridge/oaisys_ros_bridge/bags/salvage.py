@@ -133,7 +133,7 @@ def salvage(file: RecordFile, out: Path, say: Callable[[str], None]) -> int:
         for schema, channel, message in records.messages():
             key = (channel.id, channel.topic, schema.name)
             if key not in topics:
-                topics[key] = _described(schema, channel, topics.values(), records.reasons)
+                topics[key] = _describe(schema, channel, topics.values(), records.reasons)
             topic = topics[key]
             if topic is None:
                 records.lose(channel.id)
@@ -148,7 +148,7 @@ def salvage(file: RecordFile, out: Path, say: Callable[[str], None]) -> int:
     return copied
 
 
-def _described(
+def _describe(
     schema: Schema, channel: Channel, others: Iterable[RecordedTopic | None], reasons: list[str]
 ) -> RecordedTopic | None:
     """Return a topic of the new bag; None, and a reason, where it cannot be in one."""

@@ -167,7 +167,7 @@ def poses_of_trajectory(
             field = f"trajectory.points[{index}].transforms"
             raise InvalidInputError(field, [], "one transform per joint, at least one")
     chosen = trajectory.points if points == "every" else trajectory.points[-1:]
-    return [_stamped(point.transforms[0], trajectory.header) for point in chosen]
+    return [_stamp(point.transforms[0], trajectory.header) for point in chosen]
 
 
 def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
@@ -195,7 +195,7 @@ def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
     return DriveRequest(timed, changes, list(goal.sensors))
 
 
-def _stamped(transform: Transform, header: Header) -> PoseStamped:
+def _stamp(transform: Transform, header: Header) -> PoseStamped:
     p = transform.translation
     pose = PoseMsg(position=Point(x=p.x, y=p.y, z=p.z), orientation=transform.rotation)
     return PoseStamped(header=header, pose=pose)

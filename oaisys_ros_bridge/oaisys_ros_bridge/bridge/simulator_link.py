@@ -148,7 +148,7 @@ class SimulatorLink:
         sensors = [request.sensor] if request.sensor else []
         with (
             self._lock,
-            self._connected() as client,
+            self._lend_client() as client,
             client.stream_sample(
                 rig_pose, metadata=metadata, modalities=request.modalities, sensors=sensors
             ) as stream,
@@ -172,7 +172,7 @@ class SimulatorLink:
         """
         with self._lock:
             self.check()
-            with self._connected() as client:
+            with self._lend_client() as client:
                 planned = client.set_trajectory(request.poses, drive=request.changes)
                 with client.drive(
                     planned.name, sensors=request.sensors, metadata=metadata
@@ -183,7 +183,7 @@ class SimulatorLink:
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
     ) -> int:
         """Build a new batch and return its id; it overtakes a sample that is being rendered."""
-        with self._is_building(), self._connected() as client:
+        with self._is_building(), self._lend_client() as client:
             batch_id = client.step_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
         self.check()
         return batch_id
@@ -194,18 +194,18 @@ class SimulatorLink:
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        with self._connected() as client:
+        with self._lend_client() as client:
             return client.list_objects(query, metadata)
 
     def end_simulation(self) -> None:
         """End the server's process, after the sample that is being rendered."""
         with self._lock:
-            with self._connected() as client:
+            with self._lend_client() as client:
                 client.end_simulation()
             self._lose("the simulation was ended")
 
     @contextmanager
-    def _connected(self) -> Iterator[SimulatorClient]:
+    def _lend_client(self) -> Iterator[SimulatorClient]:
         """Lend the client, and learn from the errors of its calls."""
         if self._client is None:
             self.check()
@@ -245,11 +245,11 @@ class SimulatorLink:
         Raises:
             OaisysError: It does not answer.
         """
-        _, info = self._found()
+        _, info = self._find()
         self._state = LinkState(info, "no sample can be asked for yet", 1)
         return info
 
-    def _found(self) -> tuple[SimulatorClient, SimulatorInfo]:
+    def _find(self) -> tuple[SimulatorClient, SimulatorInfo]:
         if self._client is None:
             self._client = SimulatorClient(self.address, timeout_s=self._timeout_s, tls=self._tls)
         client = self._client
@@ -268,7 +268,7 @@ class SimulatorLink:
             OaisysError: It does not answer, or cannot build.
         """
         with self._lock:
-            client, info = self._found()
+            client, info = self._find()
             if info.batch_id == 0 and self.initial_batch:
                 self._build_first_batch(client, info)
                 info = client.info()

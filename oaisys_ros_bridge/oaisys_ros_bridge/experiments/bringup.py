@@ -123,7 +123,7 @@ def bring_up(
         client.status.wait_for_subscribers()
         wait_for_world()  # a worker may have been lost since
         info = simulator.info()
-        yield SimulatorStack(simulator, client, info.sensors[0], _posed_sensor(info))
+        yield SimulatorStack(simulator, client, info.sensors[0], _sensor_with_pose(info))
 
 
 def _socket_folder() -> tempfile.TemporaryDirectory[str]:
@@ -260,7 +260,7 @@ def naming_logs(folder: Path) -> Iterator[None]:
         raise
 
 
-def _posed_sensor(info: SimulatorInfo) -> str:
+def _sensor_with_pose(info: SimulatorInfo) -> str:
     sensor = info.sensors[0]
     is_rig = len(info.sensors) == 1 and np.allclose(sensor.T_base_camera, T_LINK_OPTICAL)
     return "" if is_rig else sensor.name

@@ -92,14 +92,14 @@ class ManagedProcess:
                     if text.startswith(prefix):
                         return text.removeprefix(prefix).strip()
         raise DeadlineExceededError(
-            f"{self.name} did not print {prefix!r} within {timeout_s:g} s{self._quoted_log()}"
+            f"{self.name} did not print {prefix!r} within {timeout_s:g} s{self._quote_log()}"
         )
 
     def check(self) -> None:
         """Raise `WorkerLostError` where the process has ended; quotes its log."""
         code = self._process.poll()
         if code is not None:
-            raise WorkerLostError(f"{self.name} ended with exit code {code}{self._quoted_log()}")
+            raise WorkerLostError(f"{self.name} ended with exit code {code}{self._quote_log()}")
 
     def interrupt(self) -> None:
         """Send SIGINT, once, if the process still runs; `end` waits for its end."""
@@ -130,7 +130,7 @@ class ManagedProcess:
             self._process.wait(timeout_s)
         return self._process.poll() is not None
 
-    def _quoted_log(self) -> str:
+    def _quote_log(self) -> str:
         try:
             lines = self._log.read_text(errors="replace").splitlines()[-QUOTED_LINES:]
         except OSError:

@@ -135,7 +135,7 @@ class MapperNode(ParameterNode, Node):
         try:
             path = Path(request.path)
             path.parent.mkdir(parents=True, exist_ok=True)
-            with self._settled() as volume:
+            with self._settle() as volume:
                 mesh = volume.extract_mesh()
                 if path.suffix == VOLUME_SUFFIX:
                     volume.save(path)
@@ -162,7 +162,7 @@ class MapperNode(ParameterNode, Node):
 
         try:
             truth = read_truth(Path(request.truth_path))
-            with self._settled() as volume:
+            with self._settle() as volume:
                 views = self._fusion.views
                 if not views:
                     raise NotReadyError("nothing has been mapped yet")
@@ -190,7 +190,7 @@ class MapperNode(ParameterNode, Node):
         return response
 
     @contextmanager
-    def _settled(self) -> Iterator[TsdfVolume]:
+    def _settle(self) -> Iterator[TsdfVolume]:
         """Lend the volume once all samples that were announced so far are in it.
 
         Raises:

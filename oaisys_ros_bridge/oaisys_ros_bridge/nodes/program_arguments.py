@@ -73,10 +73,10 @@ def program_parser(
 def _parameter_lines(node: DescribedNode) -> list[str]:
     lines = ["parameters, each set by --ros-args -p NAME:=VALUE:"]
     for row in node.parameters:
-        lines += [f"  {row.name} (default {_shown(row)})", f"      {row.description}"]
+        lines += [f"  {row.name} (default {_show(row)})", f"      {row.description}"]
     return [*lines, ""]
 
 
-def _shown(row: ParameterRow) -> str:
+def _show(row: ParameterRow) -> str:
     default = row.default
     return str(default).lower() if isinstance(default, bool) else repr(default)

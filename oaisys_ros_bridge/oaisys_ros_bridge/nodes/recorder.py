@@ -190,7 +190,11 @@ class RecorderNode(ParameterNode, Node):
                 has_found = True
         connected = all(s.get_publisher_count() > 0 for s in self._subscribed.values())
         self._quiet_lookups = 0 if has_found or not connected else self._quiet_lookups + 1
-        if not self._is_ready and not self._unpublished and self._quiet_lookups >= QUIET_LOOKUPS:
+        if (
+            not self._is_ready
+            and not self._topics_without_publisher
+            and self._quiet_lookups >= QUIET_LOOKUPS
+        ):
             self._report_ready()
 
     def _is_new(self, name: str, type_name: str) -> bool:
@@ -205,7 +209,7 @@ class RecorderNode(ParameterNode, Node):
         return not is_own and self._selection.includes(name, type_name)
 
     @property
-    def _unpublished(self) -> set[str]:
+    def _topics_without_publisher(self) -> set[str]:
         """Requested topics that have had no publisher yet."""
         return set(self._selection.requested) - self._subscribed.keys()
 
@@ -221,7 +225,7 @@ class RecorderNode(ParameterNode, Node):
 
     def _warn_of_missing(self) -> None:
         """Warn of requested topics that nobody publishes, once for the same ones."""
-        missing = ", ".join(sorted(self._unpublished))
+        missing = ", ".join(sorted(self._topics_without_publisher))
         if missing and missing != self._missing:
             self.get_logger().warning(f"nobody publishes {missing} yet")
         self._missing = missing
@@ -249,10 +253,10 @@ class RecorderNode(ParameterNode, Node):
     ) -> None:
         """Expect the messages of a sample on the recorded topics."""
         rendered_ns = int((info.render_time + PUBLISHING_S) * NS_PER_S)
-        topics = self._expected(watch, info, received["source_timestamp"] - rendered_ns)
+        topics = self._due_topics(watch, info, received["source_timestamp"] - rendered_ns)
         watch.ledger.announce(name_of(info), info.sequence, topics & set(info.topics))
 
-    def _expected(self, watch: SampleWatch, info: SampleInfo, begun_ns: int) -> set[str]:
+    def _due_topics(self, watch: SampleWatch, info: SampleInfo, begun_ns: int) -> set[str]:
         """Return the topics on which a sample has messages that this recorder can have received.
 
         They are all that it records if the sample began after it was ready; otherwise those that

@@ -174,7 +174,7 @@ _CLOCK = (
 )
 
 
-def _ordered(least: str, most: str) -> Rule:
+def _below(least: str, most: str) -> Rule:
     """Return the rule that one limit is below the other, if there is another."""
 
     def check(values: Mapping[str, Any]) -> None:
@@ -199,7 +199,7 @@ BRIDGE = ParameterTable(
         *FAULTS,
     ),
     rules=(
-        _ordered("cloud.min_depth_m", "cloud.max_depth_m"),
-        _ordered("faults.min_depth_m", "faults.max_depth_m"),
+        _below("cloud.min_depth_m", "cloud.max_depth_m"),
+        _below("faults.min_depth_m", "faults.max_depth_m"),
     ),
 )

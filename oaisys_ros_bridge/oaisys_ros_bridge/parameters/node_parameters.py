@@ -104,14 +104,14 @@ class ParameterNode(Node):
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all of them, or none and say why."""
         try:
-            checked = [self._checked(parameter) for parameter in parameter_list]
+            checked = [self._check(parameter) for parameter in parameter_list]
             changed = {parameter.name: parameter.value for parameter in checked}
             self._table.check_together({**self.parameters, **changed})
         except InvalidInputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return super().set_parameters_atomically(checked)
 
-    def _checked(self, parameter: Parameter) -> Parameter:
+    def _check(self, parameter: Parameter) -> Parameter:
         if parameter.name not in self._table:
             if self.has_parameter(parameter.name):  # one of rclpy's own
                 return parameter

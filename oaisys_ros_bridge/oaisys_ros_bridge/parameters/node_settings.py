@@ -89,14 +89,14 @@ def node_settings(params_file: str, log_level: str, *, use_sim_time: bool) -> No
     if not params_file:
         return NodeSettings(None, log_level, use_sim_time)
     file = Path(params_file).absolute()
-    return NodeSettings(file, log_level, use_sim_time, _named(file))
+    return NodeSettings(file, log_level, use_sim_time, _by_node(file))
 
 
 def _assignments(parameters: Mapping[str, Any]) -> list[str]:
     return [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
 
 
-def _named(file: Path) -> Mapping[str, Mapping[str, Any]]:
+def _by_node(file: Path) -> Mapping[str, Mapping[str, Any]]:
     """Return the parameters in a file, by the last part of its nodes' names."""
     expected = f"a YAML file of parameters: NODE: {{{PARAMETERS}: {{NAME: VALUE}}}}"
     try:

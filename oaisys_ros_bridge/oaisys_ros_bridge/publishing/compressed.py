@@ -102,7 +102,7 @@ def image_to_compressed_msg(
     else:
         expected = "one of " + ", ".join(sorted(COLORS | LABELS | IDS))
         raise InvalidInputError("image.encoding", encoding, expected)
-    file = _encoded(pixels, kind, compression)
+    file = _encode(pixels, kind, compression)
     return _message(header, f"{encoding}; {kind} compressed {target}", file)
 
 
@@ -124,14 +124,12 @@ def depth_to_compressed_msg(
         known = (depth_m > 0) & (depth_m < np.float32(compression.depth_max_m))
         known &= steps <= MAX_UINT16
     steps[~known] = 0
-    file = _encoded(steps.astype(np.uint16), "png", compression)
+    file = _encode(steps.astype(np.uint16), "png", compression)
     head = CONFIG_HEADER.pack(INVERSE_DEPTH, a, b)
     return _message(header, f"{compression.depth_encoding}; compressedDepth png", file, head)
 
 
-def _encoded(
-    pixels: NDArray[Any], kind: ColorFormat, compression: Compression
-) -> NDArray[np.uint8]:
+def _encode(pixels: NDArray[Any], kind: ColorFormat, compression: Compression) -> NDArray[np.uint8]:
     if kind == "jpeg":
         options = [cv2.IMWRITE_JPEG_QUALITY, compression.jpeg_quality]
     else:

@@ -199,7 +199,7 @@ class Publication:
         self._faults = depth_faults(values)
         self._frames: dict[FrameName, Frame] = {}
         publisher.publishers.used.clear()
-        with self._timed():
+        with self._count_time():
             if instant is None:
                 publisher.rig.publish(outline, stamp, values)
             else:
@@ -207,7 +207,7 @@ class Publication:
 
     def add(self, frame: Frame | LidarScan) -> None:
         """Publish a scan, or a frame with the faults of its sensor and the cloud it completes."""
-        with self._timed():
+        with self._count_time():
             if isinstance(frame, LidarScan):
                 self._publisher.lidars[frame.sensor].publish(frame, self.stamp)
                 return
@@ -221,12 +221,12 @@ class Publication:
 
     def finish(self, sample: Sample) -> None:
         """Publish path and viewpoints, and announce that the sample is complete."""
-        with self._timed():
+        with self._count_time():
             self._publisher.trajectory.add(sample, self.stamp, self._values)
             self._publisher.announce(sample, self.stamp, self._faults)
 
     @contextmanager
-    def _timed(self) -> Iterator[None]:
+    def _count_time(self) -> Iterator[None]:
         """Count the time of a block as spent on publishing."""
         started_s = time.monotonic()
         yield

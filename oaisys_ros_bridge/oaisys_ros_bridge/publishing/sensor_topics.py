@@ -119,7 +119,7 @@ class SensorTopics:
         for modality in sensor.modalities:  # before the first sample, so that subscribers find them
             self._image(modality)
             self._camera_info(modality)
-            self._compressed(modality)
+            self._compressing_publishers(modality)
         if DEPTH in sensor.modalities:
             self._cloud()
 
@@ -159,10 +159,10 @@ class SensorTopics:
         image = self._image(frame.modality)
         if has_subscribers(image):
             self._publishers.send(image, image_to_msg(frame.data, encoding_of(frame), header))
-        wanted = [p for p in self._compressed(frame.modality) if has_subscribers(p)]
+        wanted = [p for p in self._compressing_publishers(frame.modality) if has_subscribers(p)]
         if wanted:
             compression = Compression(**_section(values, "compressed"))
-            compressed = _compressed_msg(frame, header, compression)
+            compressed = _compress_to_msg(frame, header, compression)
             for publisher in wanted:
                 self._publishers.send(publisher, compressed)
 
@@ -192,7 +192,7 @@ class SensorTopics:
         topic = self._topic(modality, "camera_info")
         return self._publishers.offer(CameraInfo, topic, SENSOR_QOS)
 
-    def _compressed(self, modality: str) -> list[TopicPublisher]:
+    def _compressing_publishers(self, modality: str) -> list[TopicPublisher]:
         topics = [self._topic(modality, f"image_raw/{v}") for v in topic_variants(modality)]
         return [self._publishers.offer(CompressedImage, topic, SENSOR_QOS) for topic in topics]
 
@@ -201,7 +201,7 @@ class SensorTopics:
         return self._publishers.offer(PointCloud2, topic, SENSOR_QOS)
 
 
-def _compressed_msg(frame: Frame, header: Header, compression: Compression) -> Any:
+def _compress_to_msg(frame: Frame, header: Header, compression: Compression) -> Any:
     if COMPRESSED_DEPTH in topic_variants(frame.modality):
         return depth_to_compressed_msg(frame.data, header, compression)
     return image_to_compressed_msg(frame.data, encoding_of(frame), header, compression)

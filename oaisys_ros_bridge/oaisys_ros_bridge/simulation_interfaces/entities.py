@@ -106,7 +106,7 @@ def filter_entities(
     Raises:
         InvalidInputError: An invalid filter; `UnsupportedBoundsError` for a convex hull.
     """
-    pattern = _compiled(filters.filter)
+    pattern = _compile(filters.filter)
     categories = {category.category for category in filters.categories}
     return [
         entity
@@ -118,7 +118,7 @@ def filter_entities(
     ]
 
 
-def _compiled(text: str) -> re.Pattern[str]:
+def _compile(text: str) -> re.Pattern[str]:
     translated = re.sub(r"\[:(\w+):\]", lambda m: _CLASSES.get(m[1], m[0]), text)
     try:
         return re.compile(translated)

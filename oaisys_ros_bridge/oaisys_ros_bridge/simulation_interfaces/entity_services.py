@@ -75,11 +75,11 @@ class EntityServices:
         )
 
     def _get_entities(self, request: Any, response: Any) -> None:
-        entities, response.result.error_message = self._filtered(request.filters)
+        entities, response.result.error_message = self._filter(request.filters)
         response.entities = [entity.name for entity in entities]
 
     def _get_entities_states(self, request: Any, response: Any) -> None:
-        entities, response.result.error_message = self._filtered(request.filters)
+        entities, response.result.error_message = self._filter(request.filters)
         response.states = [self._state_of(entity) for entity in entities]
         response.entities = [entity.name for entity in entities]
 
@@ -172,7 +172,7 @@ class EntityServices:
             raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
         self._things.delete(entity.thing)
 
-    def _filtered(self, filters: Any) -> tuple[list[Entity], str]:
+    def _filter(self, filters: Any) -> tuple[list[Entity], str]:
         """Return the entities that pass the filters, and a note about those that were left out."""
         try:
             entities = self._rig_entities()

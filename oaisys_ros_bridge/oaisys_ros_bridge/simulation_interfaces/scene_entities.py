@@ -66,7 +66,7 @@ class SceneEntities:
         while True:
             size = min(MAX_OBJECTS, max(1, limit + 1)) if _is_plain(filters) else MAX_OBJECTS
             query = ObjectQuery(low_m=low_m, high_m=high_m, after_instance_id=after, limit=size)
-            page = self._listed(query)
+            page = self._list_objects(query)
             found += filter_entities([entity_of(thing) for thing in page.objects], filters, None)
             listed, total = listed + len(page.objects), page.total
             after = page.next_after_instance_id
@@ -83,7 +83,7 @@ class SceneEntities:
 
     def find(self, name: str) -> Entity | None:
         """Return the object of a name; None: there is none."""
-        objects = self._listed(ObjectQuery(names=(name,))).objects
+        objects = self._list_objects(ObjectQuery(names=(name,))).objects
         return entity_of(objects[0]) if objects else None
 
     def spawn(self, name: str, spec: Mapping[str, Any], pose: Pose) -> SceneObject:
@@ -138,7 +138,7 @@ class SceneEntities:
         self._link().list_objects(ObjectQuery(limit=1), before.with_update(change))
         self._pending.add(change)
 
-    def _listed(self, query: ObjectQuery) -> ObjectPage:
+    def _list_objects(self, query: ObjectQuery) -> ObjectPage:
         link = self._link()
         info = link.state.info
         if info is None or info.batch_id == 0:

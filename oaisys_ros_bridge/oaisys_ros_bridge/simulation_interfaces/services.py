@@ -108,7 +108,7 @@ class SimulationServices:
             },
         )
         installed = [getattr(srv, name) for name in UNSUPPORTED if hasattr(srv, name)]
-        offer_services(node, dict.fromkeys(installed, _unsupported))
+        offer_services(node, dict.fromkeys(installed, _refuse_unsupported))
         work_of_action = GoalWork(SimulateSteps, "~/simulate_steps", self._simulate_steps, _explain)
         self._steps = GoalServer(node, work_of_action)
 
@@ -246,7 +246,7 @@ def _steps(steps: int) -> Sequence[int]:
     return range(1, steps + 1)
 
 
-def _unsupported(_request: Any, _response: Any) -> None:
+def _refuse_unsupported(_request: Any, _response: Any) -> None:
     raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, "see get_simulator_features")
 
 

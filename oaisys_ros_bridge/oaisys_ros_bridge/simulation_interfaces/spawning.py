@@ -41,7 +41,7 @@ def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
         InvalidInputError: Not a JSON object, or one with a pose.
     """
     if resource.uri:
-        return _labelled(_of_uri(resource.uri), labels)
+        return _label(_of_uri(resource.uri), labels)
     try:
         spec = parse_plain_json(resource.resource_string)
     except ValueError as error:
@@ -50,7 +50,7 @@ def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
     if not isinstance(spec, dict) or {"position_m", "quat_xyzw", "on_ground"} & spec.keys():
         expected = "a JSON object of the keys of asset.add, its pose as initial_pose"
         raise InvalidInputError("resource_string", resource.resource_string, expected)
-    return _labelled(spec, labels)
+    return _label(spec, labels)
 
 
 def stem_of(spec: Mapping[str, Any]) -> str:
@@ -71,7 +71,7 @@ def _of_uri(uri: str) -> dict[str, Any]:
     raise UnsupportedFormatError("uri", uri, expected)
 
 
-def _labelled(spec: dict[str, Any], labels: Mapping[int, str]) -> dict[str, Any]:
+def _label(spec: dict[str, Any], labels: Mapping[int, str]) -> dict[str, Any]:
     """Return a spec with a label and the semantic id that the label has in this world."""
     if "semantic_id" in spec:
         name = labels.get(spec["semantic_id"]) if isinstance(spec["semantic_id"], int) else None

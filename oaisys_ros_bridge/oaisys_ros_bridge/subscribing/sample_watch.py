@@ -59,7 +59,7 @@ class SampleWatch:
         self._lock = threading.Lock()
         self._ended = False
         self._reported: Mapping[str, int] = {}
-        self.ledger = SampleLedger(info_topic, self._settled)
+        self.ledger = SampleLedger(info_topic, self._note_settled)
         bridge = info_topic.rpartition("/")[0]
         self._publisher = node.create_publisher(SampleReceipt, f"{bridge}/{RECEIPTS}", LATCHED_QOS)
         node.create_subscription(
@@ -107,9 +107,9 @@ class SampleWatch:
         """Look for messages that are overdue, and for new losses of the middleware."""
         self.ledger.expire()
         if self._reported != self._lost_by_middleware:
-            self._settled()
+            self._note_settled()
 
-    def _settled(self) -> None:
+    def _note_settled(self) -> None:
         self._publish_receipt()
         self._on_settled()
 

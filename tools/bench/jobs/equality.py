@@ -74,8 +74,8 @@ def _both(
 
 def _equal(fast: Images, cycles: Images) -> NDArray[np.bool_]:
     """Return (H, W) whether ids are equal, and depth within the tolerance and the jitter."""
-    depth_m = _reached(fast[DEPTH])
-    error_m = np.abs(_reached(cycles[DEPTH]) - depth_m)
+    depth_m = _reach(fast[DEPTH])
+    error_m = np.abs(_reach(cycles[DEPTH]) - depth_m)
     equal = error_m <= DEPTH_TOLERANCE * depth_m + JITTER_PX * _spread(depth_m)
     for modality in MODALITIES[1:]:
         equal &= fast[modality] == cycles[modality]
@@ -87,7 +87,7 @@ def _off_edges(surface: Surface, camera: PlacedCamera, seen: Images) -> NDArray[
 
     The other pixels have an edge at their centre, where two ray casters may differ.
     """
-    depth_m = _reached(seen[DEPTH])
+    depth_m = _reach(seen[DEPTH])
     step_m = DEPTH_TOLERANCE * depth_m + STEP_SHARE * _spread(depth_m)
     same = np.ones(depth_m.shape, bool)
     for x, y in product((-1, 0, 1), repeat=2):
@@ -96,13 +96,13 @@ def _off_edges(surface: Surface, camera: PlacedCamera, seen: Images) -> NDArray[
             centre, cx_px=centre.cx_px + x * JITTER_PX, cy_px=centre.cy_px + y * JITTER_PX
         )
         frames = geometry_frames(surface, replace(camera, intrinsics=shifted), PoseMemory())
-        same &= np.abs(_reached(frames[DEPTH].data) - depth_m) <= step_m
+        same &= np.abs(_reach(frames[DEPTH].data) - depth_m) <= step_m
         for modality in MODALITIES[1:]:
             same &= frames[modality].data == seen[modality]
     return np.asarray(same, bool)
 
 
-def _reached(depth_m: NDArray[np.generic]) -> NDArray[np.float64]:
+def _reach(depth_m: NDArray[np.generic]) -> NDArray[np.float64]:
     return np.where(np.isfinite(depth_m), depth_m, FAR_M).astype(np.float64)
 
 

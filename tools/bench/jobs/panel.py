@@ -104,7 +104,7 @@ def measure(
         samples: dict[str, list[Sample]] = {}
         for index, quality in enumerate(QUALITIES):
             say(0.1 + 0.2 * index, quality)
-            found[quality], samples[quality] = _timed(observer, posed, quality, rounds, calibration)
+            found[quality], samples[quality] = _time(observer, posed, quality, rounds, calibration)
         found["device"] = simulation.info().device
         found["geometry_sha256"] = [_geometry_sha256(s) for s in samples[QUALITIES[0]]]
         facts = {"config": config_sha256(config), "blender": simulation.info().backend_version}
@@ -118,7 +118,7 @@ def measure(
     folder = settings.out / "panel" / ("other" if checkout else "")
     for quality in COLORED:
         found[quality]["views"] = [
-            _judged(_color(sample), reference, folder / f"{view.name}_{quality}.png")
+            _judge(_color(sample), reference, folder / f"{view.name}_{quality}.png")
             for view, sample, reference in zip(posed, samples[quality], references, strict=True)
         ]
     return found
@@ -147,7 +147,7 @@ def _begin(simulation: Simulation, view: PosedView, calibration: Calibration) ->
     }
 
 
-def _timed(
+def _time(
     observer: Observer,
     views: list[PosedView],
     quality: str,
@@ -186,7 +186,7 @@ def _color(sample: Sample) -> Image:
     return next(frame.data for frame in sample.frames if frame.modality == RGB)
 
 
-def _judged(picture: Image, reference: ReferenceImage | None, file: Path) -> dict[str, Any]:
+def _judge(picture: Image, reference: ReferenceImage | None, file: Path) -> dict[str, Any]:
     """Write a picture, and return its file and its likeness to the reference."""
     file.parent.mkdir(parents=True, exist_ok=True)
     if not cv2.imwrite(str(file), picture[..., ::-1]):

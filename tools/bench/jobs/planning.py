@@ -48,10 +48,10 @@ def next_view(settings: Settings, say: Say) -> dict[str, list[float]]:
         sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}), modalities=[DEPTH])
         frame = sample.frames[0]
         seen = (frame.data, frame.intrinsics, frame.T_map_camera, vehicle.max_range_m)
-        taken_ms, _ = _timed(partial(voxels.integrate, *seen))
+        taken_ms, _ = _time(partial(voxels.integrate, *seen))
         visited.append(pose)
         situation = Situation(vehicle, voxels, visited, rng)
-        planned_ms, wanted = _timed(partial(planner.next_pose, situation))
+        planned_ms, wanted = _time(partial(planner.next_pose, situation))
         if wanted is None:
             raise RuntimeError(f"the planner gave up after {view + 1} views")
         if view >= VIEWS:
@@ -59,7 +59,7 @@ def next_view(settings: Settings, say: Say) -> dict[str, list[float]]:
             places_m = fresh.random_positions(CANDIDATES)
             yaws_rad = rng.uniform(-np.pi, np.pi, len(places_m))
             views = [level_pose(p, float(y)) for p, y in zip(places_m, yaws_rad, strict=True)]
-            scored_ms, _ = _timed(partial(fresh.gains, views))
+            scored_ms, _ = _time(partial(fresh.gains, views))
             for name, value in zip(found, (scored_ms, planned_ms, taken_ms), strict=True):
                 found[name].append(value)
         pose = wanted
@@ -80,7 +80,7 @@ def _height_m(simulation: Simulation, xy_m: FloatArray) -> FloatArray:
     return simulation.query_height(points_m).surface_height_m
 
 
-def _timed(action: Callable[[], Answer]) -> tuple[float, Answer]:
+def _time(action: Callable[[], Answer]) -> tuple[float, Answer]:
     started_s = time.perf_counter()
     answer = action()
     return 1e3 * (time.perf_counter() - started_s), answer

@@ -33,11 +33,11 @@ def pictures(settings: Settings, say: Say) -> dict[str, list[str]]:
                 _, sample = observer.sample(pose, {"quality": quality})
                 if pose is view:
                     image = next(frame.data for frame in sample.frames if frame.modality == RGB)
-                    digests.append(_written(settings.out / "pictures", quality, image))
+                    digests.append(_write(settings.out / "pictures", quality, image))
     return found
 
 
-def _written(folder: Path, name: str, image: NDArray[Any]) -> str:
+def _write(folder: Path, name: str, image: NDArray[Any]) -> str:
     digest = hashlib.sha256(image.tobytes()).hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(folder / f"{name}_{digest}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))

@@ -77,7 +77,7 @@ def _poses(mode: str) -> str:
     return f"poses_{mode}.npy"
 
 
-def _found(folder: Path, mode: str) -> FloatArray:
+def _find(folder: Path, mode: str) -> FloatArray:
     from kiss_icp.config import load_config
     from kiss_icp.kiss_icp import KissICP
 
@@ -100,7 +100,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("mode")
     options = parser.parse_args()
-    np.save(options.folder / _poses(options.mode), _found(options.folder, options.mode))
+    np.save(options.folder / _poses(options.mode), _find(options.folder, options.mode))
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def _figures(data: Any) -> RgbdFigures:
     camera = _camera(data["K"], data["depth_m"].shape[1:])
     steps_m, shares, angles_deg = [], [], []
     for i in range(len(pictures) - 1):
-        succeeded, T_after_before = _moved(pictures[i], pictures[i + 1], camera)
+        succeeded, T_after_before = _find_motion(pictures[i], pictures[i + 1], camera)
         if not succeeded:
             continue
         true = np.linalg.inv(T[i + 1]) @ T[i]
@@ -103,7 +103,7 @@ def _camera(K: FloatArray, size_px: Sequence[int]) -> Any:
     )
 
 
-def _moved(before: Any, after: Any, camera: Any) -> tuple[bool, FloatArray]:
+def _find_motion(before: Any, after: Any, camera: Any) -> tuple[bool, FloatArray]:
     """Return whether the motion was found, and the transform from one camera to the next."""
     import open3d
 

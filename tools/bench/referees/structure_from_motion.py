@@ -86,7 +86,7 @@ def survey_figures(folder: Path, *, given_focal: float | None) -> SurveyFigures:
     return SurveyFigures(**run_for_json(__name__, str(folder.absolute()), str(given_focal)))
 
 
-def _reconstructed(folder: Path, truth: Mapping[str, Any], given_focal: float | None) -> Any:
+def _reconstruct(folder: Path, truth: Mapping[str, Any], given_focal: float | None) -> Any:
     """Return COLMAP's largest model, or None."""
     import pycolmap
 
@@ -115,10 +115,10 @@ def _reconstructed(folder: Path, truth: Mapping[str, Any], given_focal: float | 
 def _figures(folder: Path, given_focal: float | None) -> SurveyFigures:
     truth = json.loads((folder / TRUTH).read_text(encoding="utf-8"))
     poses = {name: np.array(T) for name, T in truth["T_map_camera"].items()}
-    model = _reconstructed(folder, truth, given_focal)
+    model = _reconstruct(folder, truth, given_focal)
     if model is None or model.num_reg_images() < 3:
         return SurveyFigures(len(poses))
-    found, true = _aligned(model, poses)
+    found, true = _align(model, poses)
     errors_m = np.linalg.norm(found[:, :3, 3] - true[:, :3, 3], axis=1)
     rms_m = float(np.sqrt(np.mean(errors_m**2)))
     turned = np.einsum("nji,njk->nik", true[:, :3, :3], found[:, :3, :3])
@@ -139,7 +139,7 @@ def _figures(folder: Path, given_focal: float | None) -> SurveyFigures:
     )
 
 
-def _aligned(model: Any, poses: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+def _align(model: Any, poses: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Return (N, 4, 4) poses that were found, moved onto the true ones, and these."""
     images = [model.images[each] for each in model.reg_image_ids()]
     true = np.array([poses[image.name] for image in images])

@@ -41,7 +41,7 @@ def run(settings: Settings, say: Say) -> list[Figure]:
         count = QUICK_VIEWS if settings.quick else VIEWS
         return against.compare(settings, say, [w for w in worlds if w != SIX_VIEWS], count)
     found = {
-        world: _measured(settings, say_of_part(say, index, len(worlds), world), world)
+        world: _measure(settings, say_of_part(say, index, len(worlds), world), world)
         for index, world in enumerate(worlds)
     }
     return panel_figures(found)
@@ -54,7 +54,7 @@ def choose_worlds(settings: Settings) -> list[str]:
     return list(QUICK_WORLDS) if settings.quick else [*WORLDS, SIX_VIEWS]
 
 
-def _measured(settings: Settings, say: Say, world: str) -> dict[str, Any]:
+def _measure(settings: Settings, say: Say, world: str) -> dict[str, Any]:
     count = QUICK_VIEWS if settings.quick else VIEWS
     views = run_job("panel.draw_views", settings, say, world=world, count=count)
     found: dict[str, Any] = run_job(

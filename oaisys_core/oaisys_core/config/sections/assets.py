@@ -53,7 +53,7 @@ class RockGroupConfig(Labelled):
 
     @field_validator("count", "size_m", "sink")
     @classmethod
-    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+    def _check_order(cls, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] < 0 or value[0] > value[1]:
             raise ValueError("expected [least, most], the least at least 0")
         return value

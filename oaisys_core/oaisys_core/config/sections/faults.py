@@ -67,7 +67,7 @@ class FaultsConfig(Section):
         return (self.drift_m, self.drift_rad) if self.enabled else (0.0, 0.0)
 
     @model_validator(mode="after")
-    def _ordered(self) -> FaultsConfig:
+    def _check_order(self) -> FaultsConfig:
         if 0 < self.max_depth_m <= self.min_depth_m:
             raise ValueError("max_depth_m must be above min_depth_m, or 0 for no limit")
         return self

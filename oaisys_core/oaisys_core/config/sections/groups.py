@@ -73,7 +73,7 @@ class GroupConfig(ShapedConfig):
 
     @field_validator("count", "sink")
     @classmethod
-    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
         if value is not None and value[0] > value[1]:
             raise ValueError("expected [least, most]")
         return value

@@ -43,7 +43,7 @@ class ImuConfig(Section):
     seed: int = Field(default=0, ge=0, lt=2**63)
 
     @model_validator(mode="after")
-    def _turned(self) -> ImuConfig:
+    def _check_rotation(self) -> ImuConfig:
         if not is_unit_quaternion(self.mount_quat_xyzw):
             raise ValueError("mount_quat_xyzw must be a unit quaternion")
         return self

@@ -37,7 +37,7 @@ Coefficient = Annotated[float, Field(ge=-1000, le=1000)]
 FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 
 
-def _known(modality: str) -> str:
+def _require_known(modality: str) -> str:
     try:
         modality_spec(modality)
     except KeyError:
@@ -45,7 +45,7 @@ def _known(modality: str) -> str:
     return modality
 
 
-Modality = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_known)]
+Modality = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_require_known)]
 
 
 class DistortionConfig(Section):
@@ -185,7 +185,7 @@ class CameraConfig(OpticsConfig):
         )
 
     @model_validator(mode="after")
-    def _bounded(self) -> CameraConfig:
+    def _check_bounds(self) -> CameraConfig:
         if self.width_px * self.height_px > MAX_IMAGE_PX:
             raise ValueError(f"an image has at most {MAX_IMAGE_PX} pixels")
         if not is_unit_quaternion(self.mount_quat_xyzw):
@@ -247,7 +247,7 @@ class CameraConfig(OpticsConfig):
         return self
 
     @model_validator(mode="after")
-    def _rectified(self) -> CameraConfig:
+    def _check_rectification(self) -> CameraConfig:
         if DISPARITY in self.modalities and not self.intrinsics.is_rectilinear:
             raise ValueError("disparity needs a camera without distortion and without fisheye")
         return self

@@ -51,11 +51,11 @@ class SkyImages:
             radiance = read_radiance(config.file)
             self._kept[key] = SkyImage(config.file.stem, radiance, tuple(sorted(maps.items())))
         self._kept.move_to_end(key)
-        while len(self._kept) > KEPT or (self._kept_bytes() > MAX_KEPT and len(self._kept) > 1):
+        while len(self._kept) > KEPT or (self._size_bytes() > MAX_KEPT and len(self._kept) > 1):
             self._kept.popitem(last=False)
         return self._kept[key]
 
-    def _kept_bytes(self) -> int:
+    def _size_bytes(self) -> int:
         return sum(image.radiance.nbytes for image in self._kept.values())
 
 
@@ -115,11 +115,11 @@ def _label_maps(
             start = maps.get(level)
             if start is None or start.shape != values.shape:
                 start = np.full(values.shape, id_of_level(other_ids, level), np.uint16)
-            maps[level] = _labelled(values, wanted, step, start)
+            maps[level] = _label(values, wanted, step, start)
     return maps
 
 
-def _labelled(
+def _label(
     values: NDArray[np.int64],
     wanted: Mapping[int, tuple[int, ...]],
     step: int,

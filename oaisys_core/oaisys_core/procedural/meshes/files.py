@@ -97,7 +97,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
         raise InvalidInputError(field, str(path), "an existing file")
     if path.suffix.lower() == ".blend":
         return _load_blend(path, object_name, field)
-    scene = _loaded_scene(path, field)
+    scene = _load_scene(path, field)
     triangles = sum(
         len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
         for node in scene.graph.nodes_geometry
@@ -105,7 +105,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     if triangles > MAX_VERTICES:
         expected = f"at most {MAX_VERTICES} triangles, not {triangles}"
         raise InvalidInputError(field, str(path), expected)
-    parts = dict(_named_parts(scene))
+    parts = dict(_parts_by_name(scene))
     if object_name is not None:
         if object_name not in parts:
             raise _no_such_object(field, object_name, parts)
@@ -116,12 +116,12 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     for mesh in meshes:
         check_mesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces), path, field)
     turned = path.suffix.lower() in Y_UP_SUFFIXES
-    loaded = [_loaded(object_name or path.stem, mesh, turned) for mesh in meshes]
+    loaded = [_load(object_name or path.stem, mesh, turned) for mesh in meshes]
     check_uv((mesh.uv for mesh in loaded), path, field)
-    return _as_float32(_merged(loaded))
+    return _as_float32(_merge(loaded))
 
 
-def _loaded_scene(path: Path, field: str) -> Any:
+def _load_scene(path: Path, field: str) -> Any:
     """Return what trimesh reads from a file, and from others beside it."""
     import trimesh
 
@@ -156,7 +156,7 @@ def _as_float32(mesh: LoadedMesh) -> LoadedMesh:
     return replace(mesh, vertices_m=mesh.vertices_m.astype(np.float32))
 
 
-def _named_parts(scene: Any) -> Iterable[tuple[str, Any]]:
+def _parts_by_name(scene: Any) -> Iterable[tuple[str, Any]]:
     """Yield the objects of a file by name, in the coordinates of the scene."""
     import trimesh
 
@@ -167,7 +167,7 @@ def _named_parts(scene: Any) -> Iterable[tuple[str, Any]]:
             yield str(node), mesh.copy().apply_transform(T)
 
 
-def _loaded(name: str, mesh: Any, turned: bool) -> LoadedMesh:
+def _load(name: str, mesh: Any, turned: bool) -> LoadedMesh:
     vertices_m = np.asarray(mesh.vertices, np.float64)
     if turned:
         vertices_m = vertices_m @ R_Z_UP_FROM_Y_UP.T
@@ -201,7 +201,7 @@ def _vertex_colors(mesh: Any) -> NDArray[np.uint8] | None:
     return np.array(visual.vertex_colors[:, :3], np.uint8)
 
 
-def _merged(meshes: list[LoadedMesh]) -> LoadedMesh:
+def _merge(meshes: list[LoadedMesh]) -> LoadedMesh:
     """Return several meshes as one; each texture is replaced by its mean colour."""
     if len(meshes) == 1:
         return meshes[0]

@@ -128,7 +128,7 @@ class MeshBuilder:
         Its edges are cut by ``bevel_m`` along both faces.
         """
         if bevel_m:
-            self._bevelled_box(centre_m, size_m, color_srgb, R, bevel_m)
+            self._bevel_box(centre_m, size_m, color_srgb, R, bevel_m)
             return
         corners = CORNERS / 2
         faces = "0132 4675 0451 2376 0264 1573"
@@ -140,7 +140,7 @@ class MeshBuilder:
         triangles = np.vstack((corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]))
         self.add(vertices + np.asarray(centre_m), triangles, color_srgb)
 
-    def _bevelled_box(
+    def _bevel_box(
         self,
         centre_m: ArrayLike,
         size_m: ArrayLike,
@@ -152,7 +152,7 @@ class MeshBuilder:
         inner_m = half_m - min(bevel_m, 0.9 * half_m.min())
         # A vertex of each corner on each of its three faces.
         on_face = CORNERS[:, None] * np.where(np.eye(3, dtype=bool), half_m, inner_m)
-        corner, axis, triangles = _bevelled_template()
+        corner, axis, triangles = _bevel_template()
         turn = np.eye(3) if R is None else np.asarray(R, np.float64)
         self.add(on_face[corner, axis] @ turn.T + np.asarray(centre_m), triangles, color_srgb)
 
@@ -209,7 +209,7 @@ class MeshBuilder:
 
 
 @cache
-def _bevelled_template() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int32]]:
+def _bevel_template() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int32]]:
     """Return the (V,) corners of a bevelled box's vertices, the axes of their faces, and triangles.
 
     Its faces, edges and corners share no vertices.
@@ -217,7 +217,7 @@ def _bevelled_template() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np
     on_face = CORNERS[:, None] * np.where(np.eye(3, dtype=bool), 1.0, 0.5)
     places: list[tuple[int, int]] = []
     triangles: list[tuple[int, int, int]] = []
-    for polygon in _bevelled_polygons():
+    for polygon in _bevel_polygons():
         a, b, c = (on_face[place] for place in polygon[:3])
         ordered = polygon if np.cross(b - a, c - a) @ a > 0 else polygon[::-1]
         first = len(places)
@@ -227,7 +227,7 @@ def _bevelled_template() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np
     return corner, axis, np.array(triangles, np.int32)
 
 
-def _bevelled_polygons() -> list[list[tuple[int, int]]]:
+def _bevel_polygons() -> list[list[tuple[int, int]]]:
     """Return the corners, faces and edges of a bevelled box, as (corner, face's axis) each."""
     polygons = [[(corner, axis) for axis in range(3)] for corner in range(len(CORNERS))]
     for axis in range(3):

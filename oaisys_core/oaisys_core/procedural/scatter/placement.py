@@ -102,7 +102,7 @@ def scatter_on(
             likely = likely * preference(drawn)
         drawn = drawn[rng.uniform(size=number) < likely]
         drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg][:missing]
-        xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
+        xy = _keep_apart(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
     return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
 
@@ -141,7 +141,7 @@ def slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
     return np.asarray(np.nan_to_num(slope, nan=90.0))
 
 
-def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
+def _keep_apart(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
     """Return the positions without those too close to an earlier one."""
     pairs = pairs_too_near(xy, sizes_m[: len(xy)], Spacing(min_spacing))
     return np.asarray(xy[first_come(len(xy), pairs)])

@@ -92,13 +92,13 @@ def icosphere(subdivisions: int) -> tuple[FloatArray, NDArray[np.int32]]:
     faces = "0b5 051 017 07a 0ab 159 5b4 ba2 a76 718 394 342 326 368 389 495 24b 62a 867 981"
     triangles = np.array([[int(c, 16) for c in face] for face in faces.split()], np.int32)
     for _ in range(subdivisions):
-        points, triangles = _subdivided(points, triangles)
+        points, triangles = _subdivide(points, triangles)
     for array in (points, triangles):
         array.flags.writeable = False
     return points, triangles
 
 
-def _subdivided(
+def _subdivide(
     points: FloatArray, triangles: NDArray[np.int32]
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

@@ -114,7 +114,7 @@ def import_dem(
     height_m = fill_holes(dem.height_m, missing) * scale
     height_m += -float(np.median(height_m)) if offset_m is None else offset_m
     step_m = min(pixel_m) if ground_spacing_m is None else ground_spacing_m
-    height_m = _resampled(height_m, pixel_m, step_m, field)
+    height_m = _resample(height_m, pixel_m, step_m, field)
     rows, cols = height_m.shape
     origin_m = (-(cols - 1) * step_m / 2, -(rows - 1) * step_m / 2)
     ground = HeightField(height_m.astype(np.float32), origin_m, step_m)
@@ -264,7 +264,7 @@ def degree_m(
     return (east_m * pi / 180, north_m * pi / 180)
 
 
-def _resampled(
+def _resample(
     height_m: FloatArray, pixel_m: tuple[float, float], step_m: float, field: str
 ) -> FloatArray:
     """Return heights at points ``step_m`` apart, from pixels ``pixel_m`` apart."""

@@ -28,7 +28,7 @@ def displace(
         material: Its layers; their weights blend the relief.
         reliefs_m: For each layer, the height of the full range of its height map.
     """
-    heights = [_filtered_height(layer, ground.spacing_m) for layer in material.layers]
+    heights = [_filter_height(layer, ground.spacing_m) for layer in material.layers]
     elevation_m = ground.elevation_m.astype(np.float64)
     vertices = ground.vertices_m().reshape(*elevation_m.shape, 3)
     for first in range(0, len(elevation_m), ROWS):
@@ -43,7 +43,7 @@ def displace(
     return replace(ground, elevation_m=elevation_m.astype(np.float32))
 
 
-def _filtered_height(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
+def _filter_height(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
     """Return the height map of a layer, with mean 0, at the resolution of the vertices."""
     import cv2
 

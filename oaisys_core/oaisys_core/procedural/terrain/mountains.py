@@ -58,7 +58,7 @@ def mountain_2(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         envelope * (0.35 + crests) + 0.05 * fractal(x, y, rng, octaves=4), height_m
     )
     cut = streams(raw, spacing_m, rng, steps=50, strength=0.03)
-    return _finished(spec, cut, height_m, rng)
+    return _finish(spec, cut, height_m, rng)
 
 
 def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -79,7 +79,7 @@ def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     silt_m = (high_m - low_m) * 0.6
     floor_m = low_m + silt_m
     cut = np.where(cut < floor_m + silt_m, _softly_above(cut, floor_m, silt_m), cut)
-    return _finished(spec, cut, height_m, rng)
+    return _finish(spec, cut, height_m, rng)
 
 
 def another_noise(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -105,7 +105,7 @@ def another_noise(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     )
 
 
-def _finished(
+def _finish(
     spec: GroundSpec, eroded_m: FloatArray, height_m: float, rng: np.random.Generator
 ) -> Elevation:
     """Return an eroded landscape at the resolution of the ground, with crags where it is high."""

@@ -117,11 +117,11 @@ def _noise_of_points(
     def along(rows: NDArray[np.int64], dt: Field) -> Field:
         left = corner(rows, u.cell, u.share, dt)
         right = corner(rows, u.next_cell, u.share_left, dt)
-        return _blended(left, right, u.fade)
+        return _blend(left, right, u.fade)
 
     low = along(v.cell * period, v.share)
     high = along(v.next_cell * period, v.share_left)
-    return _blended(low, high, v.fade) * np.float32(np.sqrt(2))
+    return _blend(low, high, v.fade) * np.float32(np.sqrt(2))
 
 
 def _noise_of_grid(
@@ -147,19 +147,19 @@ def _noise_of_grid(
                 end *= dt
                 end += start.take(rows, axis=0)
                 ends.append(end)
-            return _blended(ends[0], ends[1], u.fade)
+            return _blend(ends[0], ends[1], u.fade)
 
         low = along(row, v.share[block, None])
         high = along(next_row, v.share_left[block, None])
         np.multiply(
-            _blended(low, high, v.fade[block, None]), np.float32(np.sqrt(2)), out=total[block]
+            _blend(low, high, v.fade[block, None]), np.float32(np.sqrt(2)), out=total[block]
         )
 
     _in_blocks(fill, len(y), max(1, BLOCK // len(x)))
     return total
 
 
-def _blended(low: Field, high: Field, share: Field) -> Field:
+def _blend(low: Field, high: Field, share: Field) -> Field:
     """Return ``low + (high - low) * share``; overwrites ``low`` and ``high``."""
     high -= low
     high *= share

@@ -46,7 +46,7 @@ def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """Sand dunes across the wind: long windward slopes, slip faces at the angle of repose."""
     length_m = spec.extent_m / 4.5
     height_m = relief_or(spec, 0.1 * length_m)
-    p, q = _turned_grid(spec.extent_m, SAND_PX, rng)
+    p, q = _rotate_grid(spec.extent_m, SAND_PX, rng)
     u, v = p / length_m, q / length_m
     bend = 0.75 * fractal(u / 2.2, v / 2.2, rng, octaves=2) + 0.12 * fractal(u, v, rng, octaves=2)
     size = np.clip(0.75 + 0.55 * fractal(u / 1.7, v / 1.7, rng, octaves=2), 0.15, 1.2)
@@ -70,7 +70,7 @@ def _ripples(spec: GroundSpec, rng: np.random.Generator) -> FloatArray:
     spacing_m = spec.extent_m / (spec.resolution_px - 1)
     if 4 * spacing_m > RIPPLE_M:
         return np.zeros((spec.resolution_px, spec.resolution_px))
-    p, q = _turned_grid(spec.extent_m, spec.resolution_px, rng)
+    p, q = _rotate_grid(spec.extent_m, spec.resolution_px, rng)
     phase = p / RIPPLE_M + 2.2 * fractal(p / 3.0, q / 3.0, rng, octaves=2)
     height = 0.6 + 0.4 * fractal(p / 5.0, q / 5.0, rng, octaves=1)
     return np.asarray(RIPPLE_HEIGHT_M * height * np.cos(2 * np.pi * phase))
@@ -83,20 +83,20 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     wx, wy = warp(x, y, rng, strength=0.3, octaves=2)
     shape = fractal(wx, wy, rng, octaves=4, gain=0.42)
     flutes = fractal(9 * x, 9 * y, rng, octaves=2, kind="billow")
-    inside = _equalised(shape) + 0.035 * (flutes - 0.3)
+    inside = _equalise(shape) + 0.035 * (flutes - 0.3)
     # The profile: cumulative shares of the ground, and heights.
     at = (0.0, 0.52, 0.60, 0.612, 0.650, 0.660, 0.700, 0.708, 1.0)
     up = (0.0, 0.030, 0.20, 0.46, 0.56, 0.76, 0.82, 0.975, 1.0)
     outline = np.interp(inside, at, up)
     rolling = 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    large_m = np.float32(height_m) * _rounded(outline + rolling)
+    large_m = np.float32(height_m) * _round(outline + rolling)
     return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
 def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """A winding canyon in a plateau: walls in layers, cliffs above slopes, side valleys."""
     depth_m = relief_or(spec, 0.22 * spec.extent_m)
-    p, q = _turned_grid(spec.extent_m, spec.resolution_px, rng)
+    p, q = _rotate_grid(spec.extent_m, spec.resolution_px, rng)
     u, v = p / spec.extent_m, q / spec.extent_m
     bends = 0.20 * fractal(1.7 * u, np.full_like(u, 0.37), rng, octaves=2)
     bends += 0.06 * fractal(4 * u, 4 * v, rng, octaves=2)
@@ -106,11 +106,11 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     upward = off_axis - 0.34 * side**2 * np.clip(off_axis, 0, 1) + 0.016 * flutes
     outline = np.interp(upward, *_strata(rng))
     rolling = 0.03 * fractal(5 * u, 5 * v, rng, octaves=3)
-    large_m = np.float32(depth_m) * _rounded(outline + rolling)
+    large_m = np.float32(depth_m) * _round(outline + rolling)
     return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
-def _rounded(outline: FloatArray) -> NDArray[np.float32]:
+def _round(outline: FloatArray) -> NDArray[np.float32]:
     """Return an outline whose cliffs are a few cells wide.
 
     Within a single cell, a cliff follows the grid in steps: its triangles face to and fro, and in
@@ -173,7 +173,7 @@ def _diameter_m(depth_m: float, extent_m: float) -> float:
     return min(depth_m / DEPTH_SHARE, most_m)
 
 
-def _turned_grid(
+def _rotate_grid(
     extent_m: float, size_px: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Return (size_px, size_px) coordinates in metres from the centre, randomly rotated."""
@@ -184,7 +184,7 @@ def _turned_grid(
     return along, y * np.cos(heading) - x * np.sin(heading)
 
 
-def _equalised(field: Elevation) -> FloatArray:
+def _equalise(field: Elevation) -> FloatArray:
     """Return the share of the field, 0 to 1, that is lower than each point."""
     values = np.sort(field[:: max(len(field) // 256, 1), :: max(len(field) // 256, 1)], axis=None)
     levels = np.linspace(0, len(values) - 1, 512).astype(np.intp)

@@ -94,7 +94,7 @@ def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -
     size = size_px or min(color.shape[:2])
     height = _grey(files, "height", size)
     roughness, occlusion = _roughness_and_occlusion(files, size)
-    color = _resized(color, size) * (1 - OCCLUSION_SHARE * (1 - occlusion))[..., None]
+    color = _resize(color, size) * (1 - OCCLUSION_SHARE * (1 - occlusion))[..., None]
     return PbrMaps(
         name=path.name,
         color_srgb=_bytes(color),
@@ -130,7 +130,7 @@ def _kind(stem: str) -> tuple[str | None, int]:
 def _normals(files: Maps, size: int, height: Image | None, tile_m: float) -> NDArray[np.uint8]:
     for kind in ("normal_gl", "normal", "normal_dx"):
         if kind in files:
-            image = _resized(_image(files[kind]), size)
+            image = _resize(_image(files[kind]), size)
             if kind == "normal_dx":
                 image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
             # Bytes of 127 and 128 are both flat: programs differ in which of them they write.
@@ -144,7 +144,7 @@ def _roughness_and_occlusion(files: Maps, size: int) -> tuple[Image, Image]:
     if roughness is None and (gloss := _grey(files, "gloss", size)) is not None:
         roughness = 1 - gloss
     if "packed" in files:
-        packed = _resized(_image(files["packed"]), size)
+        packed = _resize(_image(files["packed"]), size)
         roughness = packed[..., 1] if roughness is None else roughness
         occlusion = packed[..., 0] if occlusion is None else occlusion
     if roughness is None:
@@ -186,10 +186,10 @@ def _integer_image(path: Path) -> NDArray[np.float32]:
 
 
 def _grey(files: Maps, kind: str, size: int) -> Image | None:
-    return _resized(_image(files[kind]), size)[..., 0] if kind in files else None
+    return _resize(_image(files[kind]), size)[..., 0] if kind in files else None
 
 
-def _resized(image: Image, size: int) -> Image:
+def _resize(image: Image, size: int) -> Image:
     import cv2
 
     if image.shape[:2] == (size, size):

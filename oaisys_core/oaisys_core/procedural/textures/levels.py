@@ -37,7 +37,7 @@ def levels_of(maps: PbrMaps) -> tuple[PbrMaps, ...]:
         color, facing = _smaller(color, size), _smaller(facing, size)
         height = _smaller(height, size)
         # Subsample instead of averaging: puddles must not become uniformly damp ground.
-        roughness = _subsampled(roughness, size)
+        roughness = _subsample(roughness, size)
         flatness = np.linalg.norm(facing, axis=-1, keepdims=True)
         result.append(
             replace(
@@ -71,6 +71,6 @@ def _smaller(image: Image, size_px: int) -> Image:
     return np.asarray(resized, np.float32)
 
 
-def _subsampled(image: NDArray[np.uint8], size_px: int) -> NDArray[np.uint8]:
+def _subsample(image: NDArray[np.uint8], size_px: int) -> NDArray[np.uint8]:
     resized = cv2.resize(image, (size_px, size_px), interpolation=cv2.INTER_NEAREST)
     return np.asarray(resized, np.uint8)

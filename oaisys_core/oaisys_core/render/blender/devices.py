@@ -28,7 +28,7 @@ def use_device(wanted: Device) -> Device:
     cycles.denoising_use_gpu = is_gpu
     if is_gpu:
         _choose_gpus(kind)
-    _LOG.info("colour is rendered on %s (render.device: %s)", _named(kind), wanted)
+    _LOG.info("colour is rendered on %s (render.device: %s)", _device_name(kind), wanted)
     return kind
 
 
@@ -69,6 +69,6 @@ def _choose_gpus(kind: Device) -> None:
         device.use = device.type == kind.upper()
 
 
-def _named(kind: Device) -> str:
+def _device_name(kind: Device) -> str:
     names = _gpus(kind)
     return f"{kind} ({', '.join(names)})" if names else kind

@@ -202,10 +202,10 @@ def _divisor(albedo: Image, normal: Image) -> Image:
     because few samples per pixel are not enough there.
     """
     albedo, normal = np.ascontiguousarray(albedo), np.ascontiguousarray(normal)
-    length = _length(_convolved(normal, EDGE_SHARE))
+    length = _length(_convolve(normal, EDGE_SHARE))
     smoothed = np.clip(SMOOTHED + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
     albedo = albedo + _sky_share(albedo, normal)
-    mixed = albedo + smoothed[..., None] * (_convolved(albedo, ALBEDO_SHARE) - albedo)
+    mixed = albedo + smoothed[..., None] * (_convolve(albedo, ALBEDO_SHARE) - albedo)
     return np.asarray(mixed + MIN_ALBEDO, np.float32)
 
 
@@ -297,18 +297,18 @@ def filter_denoised(
         clutter: See `RenderSettings`.
     """
     if samples <= 1:
-        return _convolved(radiance, NOISY_SHARE)
+        return _convolve(radiance, NOISY_SHARE)
     open_ground, plants = SMEARED
     less = (open_ground + clutter * (plants - open_ground)) * min(1.0, FEW_SAMPLES / samples)
-    return _convolved(radiance, SHARE - less)
+    return _convolve(radiance, SHARE - less)
 
 
 def filter_normal(normal: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return (H, W, 3) normals, smoothed a little so that the denoiser may rely on them."""
-    return _convolved(normal, NORMAL_SHARE)
+    return _convolve(normal, NORMAL_SHARE)
 
 
-def _convolved(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
+def _convolve(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
     kernel = np.array([share, 1 - 2 * share, share], np.float32)
     whole = np.ascontiguousarray(image)
     filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)

@@ -110,7 +110,7 @@ class BlenderBackend(Backend):
 
     def update(self, scene: Scene) -> None:
         """See `Backend.update`."""
-        surface = self._built()
+        surface = self._require_built()
         is_new_ground = self._scene_geometry.update(scene)
         self._set_light(scene)
         if is_new_ground:
@@ -126,7 +126,7 @@ class BlenderBackend(Backend):
         progress: ProgressCallback,
     ) -> Iterator[FrameGroup]:
         """See `Backend.render`."""
-        surface = self._built()
+        surface = self._require_built()
         self.samples_per_pixel = None
         self.exposures_ev = {}
         if any(COLORS.intersection(camera.modalities) for camera in cameras):
@@ -137,11 +137,11 @@ class BlenderBackend(Backend):
 
     def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
         """See `Backend.scan`."""
-        return self._lidars.scan(self._built(), lidar, capture)
+        return self._lidars.scan(self._require_built(), lidar, capture)
 
     def note_revisit(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.note_revisit`."""
-        self._memory.remember(cameras, self._built().scene)
+        self._memory.remember(cameras, self._require_built().scene)
 
     def withdrawn(self) -> None:
         """See `Backend.withdrawn`."""
@@ -149,15 +149,15 @@ class BlenderBackend(Backend):
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
-        return self._built().mesh()
+        return self._require_built().mesh()
 
     def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
         """See `Backend.surface_height_m`."""
-        return self._built().height_m(xy_m)
+        return self._require_built().height_m(xy_m)
 
     def save(self, path: Path) -> None:
         """Write Blender's scene, its images packed into the file."""
-        self._built()
+        self._require_built()
         self._cycles.show_last_exposure()
         bpy.ops.file.pack_all()
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
@@ -176,7 +176,7 @@ class BlenderBackend(Backend):
         """Render colours on this thread while another one computes the geometry."""
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
         colors = [each for camera in cameras for each in self._color_renders(camera, settings)]
-        scene = self._built().scene
+        scene = self._require_built().scene
         views: dict[str, View] = {}
         with BackgroundGeometry(partial(self._geometry, cameras, views=views)) as geometry:
             ground = {
@@ -186,7 +186,7 @@ class BlenderBackend(Backend):
             }
             check = self._colors.ground_check
             places = {
-                camera.name: geometry.then(partial(check.places, self._built(), camera))
+                camera.name: geometry.then(partial(check.places, self._require_built(), camera))
                 for camera, _, _ in colors
             }
             if any(set(camera.modalities) - COLORS for camera in cameras):
@@ -225,7 +225,7 @@ class BlenderBackend(Backend):
         wanted = tuple(each for each in (RGB, ALBEDO) if each in camera.modalities)
         if not wanted:
             return []
-        surface = self._built()
+        surface = self._require_built()
         # For albedo alone, too, so that it does not depend on what is rendered beside it.
         chosen = adapt(surface, camera, settings)
         is_clear = _is_sharp(camera) and surface.scene.sky.haze is None
@@ -243,7 +243,7 @@ class BlenderBackend(Backend):
 
         What the cameras see is added to ``views``, by name, where it was needed.
         """
-        surface = self._built()
+        surface = self._require_built()
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
@@ -264,7 +264,7 @@ class BlenderBackend(Backend):
 
     def _ground_albedo(self, camera: PlacedCamera, views: dict[str, View]) -> PixelAlbedo | None:
         """Return the ground's albedo without noise; nothing of Blender's is touched."""
-        surface = self._built()
+        surface = self._require_built()
         view = views.get(camera.name) or surface.view(camera)
         pixel_rad = pixel_angle_rad(camera.intrinsics)
         ground_albedo = self._scene_geometry.ground_albedo
@@ -283,7 +283,7 @@ class BlenderBackend(Backend):
         kinds = tuple(lamp.kind for lamp in scene.lamps)
         self._cycles.use_lamps(kinds, has_sun=scene.sky.lamp_w_m2 > 0)
 
-    def _built(self) -> Surface:
+    def _require_built(self) -> Surface:
         if self._surface is None:
             raise NotReadyError("Blender has no scene: build one first")
         return self._surface

@@ -158,7 +158,7 @@ def due_sensors(
     if not modalities and not sensors:
         by_name = {config.name: config for config in configs}
         chosen = tuple(_due(sensor, by_name[sensor.name], sample_id) for sensor in chosen)
-    rendered = [_rendered(sensor, settings) for sensor in chosen]
+    rendered = [_without_excluded(sensor, settings) for sensor in chosen]
     _check_rendered(chosen, rendered, modalities, sensors, settings.quality)
     return [sensor for sensor in rendered if sensor.modalities]
 
@@ -195,7 +195,7 @@ def select(
             raise InvalidInputError("sensors", name, one_of(names, name))
     chosen = [sensor for sensor in placed if not sensors or sensor.name in sensors]
     offered = {modality for sensor in chosen for modality in sensor.modalities}
-    of = f", which {_listed(sensors)} can render" if sensors else ""
+    of = f", which {_in_words(sensors)} can render" if sensors else ""
     for modality in modalities:
         if modality not in offered:
             raise InvalidInputError("modalities", modality, one_of(offered, modality) + of)
@@ -206,12 +206,14 @@ def select(
     )
     for sensor, before in zip(selected, chosen, strict=True):
         if sensors and not sensor.modalities:
-            expected = f"a sensor with {_listed(modalities)}; it has {_listed(before.modalities)}"
+            expected = (
+                f"a sensor with {_in_words(modalities)}; it has {_in_words(before.modalities)}"
+            )
             raise InvalidInputError("sensors", sensor.name, expected)
     return selected
 
 
-def _rendered(sensor: PlacedSensor, settings: RenderSettings) -> PlacedSensor:
+def _without_excluded(sensor: PlacedSensor, settings: RenderSettings) -> PlacedSensor:
     """Return a sensor without the images that the settings leave out."""
     if isinstance(sensor, PlacedLidar):
         return sensor
@@ -234,11 +236,11 @@ def _check_rendered(
             raise InvalidInputError("modalities", modality, f"one that {why}")
     for sensor, before in zip(rendered, chosen, strict=True):
         if sensors and not sensor.modalities:
-            expected = f"a sensor with images that {why}; it has {_listed(before.modalities)}"
+            expected = f"a sensor with images that {why}; it has {_in_words(before.modalities)}"
             raise InvalidInputError("sensors", sensor.name, expected)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _in_words(names: Sequence[str]) -> str:
     return ", ".join(names)
 
 

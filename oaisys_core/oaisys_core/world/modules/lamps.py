@@ -41,7 +41,7 @@ def lamps_that_are_on(
         InvalidInputError: The height of a lamp outside the stage is relative to the ground.
     """
     return tuple(
-        _made(name, config, strengths_w[name], ground)
+        _make(name, config, strengths_w[name], ground)
         for name, config in sorted(configs.items())
         if config.enabled and strengths_w[name] > 0
     )
@@ -66,7 +66,7 @@ def check_changes(lamps: Mapping[str, LampConfig], metadata: Metadata) -> None:
             raise InvalidInputError(f"metadata.environment.lamps.{name}", values, expected)
 
 
-def _made(name: str, config: LampConfig, strength_w: float, ground: Ground | None) -> Lamp:
+def _make(name: str, config: LampConfig, strength_w: float, ground: Ground | None) -> Lamp:
     forward = _unit(config.direction or (DOWN if config.frame == "map" else AHEAD))
     red, green, blue = linear(config.color_srgb).tolist()
     return Lamp(

@@ -66,11 +66,11 @@ class LayerLibrary:
         """Return the maps of a layer before any changes."""
         if look.folder is not None:
             folder = look.folder
-            return self._kept(
+            return self._remember(
                 f"folder {folder}", lambda: load_texture_folder(folder, FOLDER_TILE_M)
             )
         key = (look.texture, materials.texture_size_px, materials.texture_seed)
-        return self._kept(f"built in {key}", lambda: texture_set(*key, default_cache_dir()))
+        return self._remember(f"built in {key}", lambda: texture_set(*key, default_cache_dir()))
 
     def draw(
         self, config: LayerConfig, materials: MaterialsConfig, rng: np.random.Generator
@@ -80,7 +80,7 @@ class LayerLibrary:
         Raises:
             InvalidInputError: A map or label image cannot be used.
         """
-        tile_m = _drawn(config.tile_m, rng)
+        tile_m = _draw(config.tile_m, rng)
         color = config.color
         color_change = ColorChange(
             hue_deg=float(rng.uniform(*color.hue_deg)),
@@ -88,7 +88,7 @@ class LayerLibrary:
             value=float(rng.uniform(*color.value)),
             curves=color.curves.model_dump(),
         )
-        relief_m = _drawn(config.displacement_m, rng)
+        relief_m = _draw(config.displacement_m, rng)
         strength = config.normal_strength
 
         def change() -> PbrMaps:
@@ -101,13 +101,13 @@ class LayerLibrary:
             materials.texture_size_px,
             materials.texture_seed,
         )
-        maps = self._kept(repr((source, tile_m, color_change, relief_m, strength)), change)
+        maps = self._remember(repr((source, tile_m, color_change, relief_m, strength)), change)
         layer = TerrainLayer(
             config.label, config.semantic_ids, maps, _tiling(config, rng), _label_image(config)
         )
         return DrawnLayer(config, layer, relief_m or 0.0)
 
-    def _kept(self, key: str, make: Callable[[], PbrMaps]) -> PbrMaps:
+    def _remember(self, key: str, make: Callable[[], PbrMaps]) -> PbrMaps:
         if key not in self._sets:
             self._sets[key] = make()
         self._sets.move_to_end(key)
@@ -213,7 +213,7 @@ def _all_layers(materials: MaterialsConfig) -> Iterator[tuple[str, LayerConfig]]
             yield f"pools.{number}.layers.{index}", layer
 
 
-def _drawn(bounds: tuple[float, float] | None, rng: np.random.Generator) -> float | None:
+def _draw(bounds: tuple[float, float] | None, rng: np.random.Generator) -> float | None:
     return None if bounds is None else float(rng.uniform(*bounds))
 
 

@@ -68,13 +68,13 @@ class RenderModule(SectionModule[RenderConfig]):
 
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys, invalid values, and images that would not be rendered."""
-        self._checked(self._config, metadata)
+        self._check(self._config, metadata)
 
     def check_sample(self, metadata: Metadata) -> None:
         """Raise as `check` does; the section may have been changed since the batch began."""
-        self._checked(self._now, metadata)
+        self._check(self._now, metadata)
 
-    def _checked(self, before: RenderConfig, metadata: Metadata) -> None:
+    def _check(self, before: RenderConfig, metadata: Metadata) -> None:
         changed = override(before, metadata, self.metadata_part)
         if changed is not before:
             changed.check_passes(self._offered, f"metadata.{self.metadata_part}")

@@ -85,7 +85,7 @@ class SensorsModule(Module):
         }
         self._rights = frozenset(pair.cameras()[1].name for pair in config.stereo)
         self._configured_cameras = self._cameras = config.all_cameras
-        self.sensors = self._described(self._cameras)
+        self.sensors = self._describe(self._cameras)
         self.lidars = tuple(lidar_info(lidar) for lidar in config.lidars)
         self.imus = tuple(imu_info(imu) for imu in config.imus)
         self._motion = make_motion(config.motion, self.sensors)
@@ -100,16 +100,16 @@ class SensorsModule(Module):
 
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys and invalid values."""
-        self._chosen_motion(metadata)
+        self._choose_motion(metadata)
         self._check(metadata, ("pose", "cameras", "motion", "faults"))
-        self._changed_cameras(self._configured_cameras, metadata)
-        self._changed_faults(self._config.faults, metadata)
+        self._change_cameras(self._configured_cameras, metadata)
+        self._change_faults(self._config.faults, metadata)
 
     def check_sample(self, metadata: Metadata) -> None:
         """Raise as `check` does; ``motion`` is only allowed for a batch."""
         self._check(metadata, ("pose", "pose_policy", "cameras", "faults"))
-        self._changed_cameras(self._cameras, metadata)
-        self._changed_faults(self._faults, metadata)
+        self._change_cameras(self._cameras, metadata)
+        self._change_faults(self._faults, metadata)
 
     def in_force(self, metadata: Metadata) -> Metadata:
         """Return the metadata with all changes of optics and faults, without the pose."""
@@ -128,16 +128,16 @@ class SensorsModule(Module):
         self.rig_pose = None
         self._use_cameras(self._configured_cameras)
         self._use_faults(self._config.faults)
-        self._motion = self._chosen_motion(metadata)
+        self._motion = self._choose_motion(metadata)
         self.step_sample(world, metadata, rng)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move the rig to the pose in the metadata, and change its cameras."""
         given = metadata or {}
         if "cameras" in given:
-            self._use_cameras(self._changed_cameras(self._cameras, given))
+            self._use_cameras(self._change_cameras(self._cameras, given))
         if "faults" in given:
-            self._use_faults(self._changed_faults(self._faults, given))
+            self._use_faults(self._change_faults(self._faults, given))
         pose = given.get("pose")
         if pose is not None:
             self.rig_pose = geometry.check_pose(pose.position_m, pose.quat_xyzw)
@@ -186,7 +186,7 @@ class SensorsModule(Module):
         self, world: World, modalities: Sequence[str], sensors: Sequence[str]
     ) -> None:
         """Raise if a sample cannot consist of these modalities and sensors; see `select`."""
-        select(self._placed(world), modalities, sensors)
+        select(self._sensors_of_sample(world), modalities, sensors)
 
     def due(
         self,
@@ -197,7 +197,7 @@ class SensorsModule(Module):
     ) -> DueSensors:
         """Return the sensors that render the world's sample; see `due_sensors`."""
         configs: list[CameraConfig | LidarConfig] = [*self._cameras, *self._config.lidars]
-        placed, settings = self._placed(world), require(world.render)
+        placed, settings = self._sensors_of_sample(world), require(world.render)
         due = due_sensors(placed, configs, world.sample_id, modalities, sensors, settings)
         return self._with_past(due, last_rig_poses)
 
@@ -215,9 +215,9 @@ class SensorsModule(Module):
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
     ) -> DueSensors:
         """Return the sensors that render exactly these frames; see `sensors_of`."""
-        return self._with_past(sensors_of(self._placed(world), frames), last_rig_poses)
+        return self._with_past(sensors_of(self._sensors_of_sample(world), frames), last_rig_poses)
 
-    def _placed(self, world: World) -> list[PlacedSensor]:
+    def _sensors_of_sample(self, world: World) -> list[PlacedSensor]:
         """Return all sensors, where they are at the world's sample."""
         pose, number = require(self.rig_pose), max(world.sample_id - 1, 0)
         enabled = self._faults.enabled
@@ -261,7 +261,7 @@ class SensorsModule(Module):
             if key == "pose_policy" and value not in get_args(PosePolicy):
                 raise InvalidInputError(path, value, one_of(get_args(PosePolicy), value))
 
-    def _chosen_motion(self, metadata: Metadata) -> Motion | None:
+    def _choose_motion(self, metadata: Metadata) -> Motion | None:
         chosen = (metadata or {}).get("motion")
         if chosen is None:
             return make_motion(self._config.motion, self.sensors)
@@ -271,11 +271,11 @@ class SensorsModule(Module):
             raise refusal(error, chosen, AnyMotion, "metadata.sensor.motion") from error
         return make_motion(config, self.sensors)
 
-    def _changed_cameras(self, cameras: Cameras, metadata: Metadata) -> Cameras:
+    def _change_cameras(self, cameras: Cameras, metadata: Metadata) -> Cameras:
         changes = (metadata or {}).get("cameras", {})
         return change_cameras(cameras, changes, f"{self.metadata_part}.cameras")
 
-    def _changed_faults(self, faults: FaultsConfig, metadata: Metadata) -> FaultsConfig:
+    def _change_faults(self, faults: FaultsConfig, metadata: Metadata) -> FaultsConfig:
         changes = (metadata or {}).get("faults", {})
         path = f"{self.metadata_part}.faults"
         if not isinstance(changes, Mapping):
@@ -286,13 +286,13 @@ class SensorsModule(Module):
     def _use_cameras(self, cameras: Cameras) -> None:
         """Set the cameras; `sensors` stays the same object if nothing changed."""
         if cameras != self._cameras:
-            self._cameras, self.sensors = cameras, self._described(cameras)
+            self._cameras, self.sensors = cameras, self._describe(cameras)
 
     def _use_faults(self, faults: FaultsConfig) -> None:
         self._faults = faults
         self.depth_faults, self._drift_sigmas = faults.of_depth, faults.drift_sigmas
 
-    def _described(self, cameras: Cameras) -> tuple[SensorInfo, ...]:
+    def _describe(self, cameras: Cameras) -> tuple[SensorInfo, ...]:
         from_left_m = {name: self._baselines_m[name] for name in self._rights}
         return tuple(sensor_info(camera, from_left_m.get(camera.name, 0.0)) for camera in cameras)
 

@@ -109,7 +109,7 @@ class DriveJobs:
         Raises:
             OaisysError: The drive failed.
         """
-        header = pb.DriveHeader.FromString(self._asked("drive_header"))
+        header = pb.DriveHeader.FromString(self._ask_worker("drive_header"))
         self._due = {count.sensor: count.due for count in header.counts}
         self._sent = dict.fromkeys(self._due, 0)
         self._step.batch_id = header.batch_id
@@ -124,20 +124,20 @@ class DriveJobs:
     def _measurements(self, total: int) -> Iterator[pb.DriveResponse]:
         for first in range(0, total, BLOCK):
             self._step.first, self._step.count = first, BLOCK
-            found = self._asked("drive_instants")
+            found = self._ask_worker("drive_instants")
             group = pb.DriveInstants()
             for index, instant in enumerate(pb.DriveInstants.FromString(found).instants, first):
                 group.instants.append(instant)
                 if instant.sensors:
-                    yield self._counted(group)
+                    yield self._count(group)
                     group = pb.DriveInstants()
                     yield from self._sample(instant, index, total)
                 if self._work.gone.is_set():
                     return
             if group.instants:
-                yield self._counted(group)
+                yield self._count(group)
 
-    def _counted(self, group: pb.DriveInstants) -> pb.DriveResponse:
+    def _count(self, group: pb.DriveInstants) -> pb.DriveResponse:
         """Return the message of some instants, whose measurements count as sent."""
         for instant in group.instants:
             for reading in instant.imus:
@@ -155,7 +155,7 @@ class DriveJobs:
         step.due.extend(instant.sensors)
         if self._metadata is not None:
             step.metadata.CopyFrom(self._metadata)
-        for event in self._rendered(step):
+        for event in self._render(step):
             if isinstance(event, OperationStatus):
                 fraction = (index + event.progress.fraction) / total
                 progress = Progress(event.progress.stage, fraction)
@@ -166,14 +166,14 @@ class DriveJobs:
         for name in instant.sensors:
             self._sent[name] += 1
 
-    def _asked(self, method: str) -> bytes:
+    def _ask_worker(self, method: str) -> bytes:
         """Ask the worker; a worker that does not know the trajectory is sent it."""
         try:
             return self._work.ask(method, self._step)
         except UnknownTrajectoryError:
             return self._work.ask(method, self._whole(self._step))
 
-    def _rendered(self, step: pb.DriveStep) -> Iterator[pb.SamplePart | OperationStatus]:
+    def _render(self, step: pb.DriveStep) -> Iterator[pb.SamplePart | OperationStatus]:
         """Have the worker render; it refuses an unknown trajectory before it begins."""
         try:
             yield from self._work.render(step)

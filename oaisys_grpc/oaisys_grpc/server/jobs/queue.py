@@ -129,7 +129,7 @@ class OperationQueue:
             is_batch = job.kind is Kind.BATCH
             ahead = [o for o in self._waiting if not (is_batch and o.job.kind is Kind.SAMPLE)]
             displaced = self._make_room(ahead, job)
-            overtaken = self._overtaken() if is_batch else []
+            overtaken = self._remove_samples() if is_batch else []
             operation = self._record(job)
             self._waiting.append(operation)
             self._lock.notify_all()
@@ -161,10 +161,10 @@ class OperationQueue:
 
     def with_times(self, operation: Operation, status: OperationStatus) -> OperationStatus:
         """Return a status with the seconds that are left until the operation ends, if known."""
-        left_s = None if status.state.is_final else self._left_s(operation)
+        left_s = None if status.state.is_final else self._remaining_s(operation)
         return replace(status, progress=replace(status.progress, seconds_left=left_s))
 
-    def _left_s(self, operation: Operation) -> float | None:
+    def _remaining_s(self, operation: Operation) -> float | None:
         """Return how long an operation and all before it in the queue will take; None: unknown."""
         with self._lock:
             running, since_s = self._running, time.monotonic() - self._begun_s
@@ -299,7 +299,7 @@ class OperationQueue:
         else:
             self._by_request.pop(old.job.request_id, None)
 
-    def _overtaken(self) -> list[Operation]:
+    def _remove_samples(self) -> list[Operation]:
         """Remove the samples from the queue; return them and the one that renders, if any."""
         candidates = [*self._waiting, *filter(None, [self._running])]
         overtaken = [o for o in candidates if o.job.kind is Kind.SAMPLE]

@@ -198,7 +198,7 @@ class StreamLimits:
         Raises:
             QueueFullError: There is none.
         """
-        return contextlib.nullcontext() if call.name in QUEUED else self._held(call)
+        return contextlib.nullcontext() if call.name in QUEUED else self._hold(call)
 
     def unread_slot(self, call: OpenCall) -> AbstractContextManager[None]:
         """Hold a slot for a message of such a stream until it is read.
@@ -206,10 +206,10 @@ class StreamLimits:
         Raises:
             QueueFullError: There is none.
         """
-        return self._held(call) if call.name in QUEUED else contextlib.nullcontext()
+        return self._hold(call) if call.name in QUEUED else contextlib.nullcontext()
 
     @contextlib.contextmanager
-    def _held(self, call: OpenCall) -> Iterator[None]:
+    def _hold(self, call: OpenCall) -> Iterator[None]:
         slots = self._slots.get(call.name, self._others)
         slots.take(call)
         try:

@@ -171,7 +171,7 @@ class Supervisor:
                     yield message
         except (WorkerLostError, DeadlineExceededError) as error:
             if method != START_METHOD:
-                self._lost(error, cause)
+                self._note_loss(error, cause)
             raise
         except CancelledError as error:  # it would not stop
             self._drop(error)
@@ -204,7 +204,7 @@ class Supervisor:
 
     def _replace_dead_worker(self) -> None:
         if self._worker is not None and not self._worker.alive:
-            self._lost(WorkerLostError(f"idle: {self._worker.last_words()}"))
+            self._note_loss(WorkerLostError(f"idle: {self._worker.last_words()}"))
         if (refusal := self.refusal) is not None:
             raise refusal
         if self._worker is None:
@@ -215,7 +215,7 @@ class Supervisor:
         try:
             self.start()
         except (WorkerLostError, DeadlineExceededError) as error:
-            self._lost(error)
+            self._note_loss(error)
             raise
         except OaisysError as error:
             self._on_ready(False)
@@ -289,7 +289,7 @@ class Supervisor:
             self._worker.discard()
             self._worker = None
 
-    def _lost(self, error: OaisysError, cause: Cause | None = None) -> None:
+    def _note_loss(self, error: OaisysError, cause: Cause | None = None) -> None:
         self._drop(error)
         if cause is None:
             self._breaker.note_crash(error)

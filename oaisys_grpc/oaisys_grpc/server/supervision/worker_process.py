@@ -149,7 +149,7 @@ class WorkerProcess:
                     since_told = ProcessorTime(self.pid)
                 if limit.must_kill(since_told):
                     self.discard()
-                    raise _killed(method, limit)
+                    raise _kill_error(method, limit)
                 self._check_memory(method)
                 if not self._readable.poll(_POLL_MS):
                     continue
@@ -162,8 +162,8 @@ class WorkerProcess:
         except (EOFError, OSError) as error:
             if limit.must_kill(since_told):
                 self.discard()
-                raise _killed(method, limit) from error
-            raise self._lost(method) from error
+                raise _kill_error(method, limit) from error
+            raise self._loss_error(method) from error
         finally:
             self._watchdog.disarm()
         yield message
@@ -224,7 +224,7 @@ class WorkerProcess:
                 self._log.write(self._process.pid, line)
                 _LOG.info("worker: %s", line)
 
-    def _lost(self, method: str) -> WorkerLostError:
+    def _loss_error(self, method: str) -> WorkerLostError:
         """Return the error of a call whose worker has ended."""
         words = f"{method}: {self.last_words()}"
         if self._killed_because or self._process.returncode != -signal.SIGKILL:
@@ -266,7 +266,7 @@ def _telling(lines: list[str]) -> list[str]:
     return traceback[:_LINES_QUOTED]
 
 
-def _killed(method: str, limit: CallLimit) -> CancelledError | DeadlineExceededError:
+def _kill_error(method: str, limit: CallLimit) -> CancelledError | DeadlineExceededError:
     if limit.is_cancelled:
         return CancelledError(f"{method} was cancelled, and its worker replaced")
     return DeadlineExceededError(f"{method} hung beyond its deadline; worker killed")

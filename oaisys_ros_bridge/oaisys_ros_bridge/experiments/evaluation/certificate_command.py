@@ -55,7 +55,7 @@ def check(
     findings = check_content(certificate, signer)
     content = certificate["content"]
     findings += check_limits(content, allow_loosened=allow_loosened)
-    findings += _measured_again(content, file.parent, mesh, truth)
+    findings += _measure_again(content, file.parent, mesh, truth)
     if render_again:
         from oaisys_ros_bridge.experiments.evaluation.certificate_render import render_and_compare
         from oaisys_ros_bridge.experiments.progress import Reporter
@@ -72,7 +72,7 @@ def check(
         raise typer.Exit(1)
 
 
-def _measured_again(
+def _measure_again(
     content: dict[str, Any], folder: Path, mesh: Path | None, truth: Path | None
 ) -> list[Any]:
     """Check the files that exist, and measure again if both do."""

@@ -104,7 +104,7 @@ def explore(
             if not goes_on(result):
                 break
         situation = Situation(vehicle, result.voxels, result.poses, rng)
-        next_pose = _timed_plan(planner, situation, result)
+        next_pose = _time_plan(planner, situation, result)
         if next_pose is None:
             break
         path_m = _path_to(situation, next_pose)
@@ -115,7 +115,7 @@ def explore(
     return result
 
 
-def _timed_plan(planner: Planner, situation: Situation, result: Exploration) -> Pose | None:
+def _time_plan(planner: Planner, situation: Situation, result: Exploration) -> Pose | None:
     started_s = time.perf_counter()
     pose = planner.next_pose(situation)
     result.plan_s.append(time.perf_counter() - started_s)

@@ -64,7 +64,7 @@ def run_survey(
         poses = _viewpoints(_plan(options, stack), stack.simulator)
         received: list[ReceivedView] = []
         first_picture_s: float | None = None
-        for view in _rendered(stack, poses, reporter):
+        for view in _render(stack, poses, reporter):
             received.append(view)
             if len(received) == 1:
                 first_picture_s = _show(view, options.out, elapsed_s, reporter)
@@ -101,7 +101,7 @@ def _plan(options: SurveyOptions, stack: SimulatorStack[PlannerClient]) -> Surve
     return plan_survey(options.views, options.altitude_m, options.overlap, camera, extent_m)
 
 
-def _rendered(
+def _render(
     stack: SimulatorStack[PlannerClient], poses: Sequence[Pose], reporter: Reporter
 ) -> Iterator[ReceivedView]:
     """Yield the views from all poses as they are received."""

@@ -129,9 +129,9 @@ def simulate_world(config_json: str, task: WorldTask, url: str | None) -> Iterat
         SEMANTIC_0: rng.integers(1, 5, shape).astype(np.uint16),
         INSTANCE: rng.integers(0, 9, shape).astype(np.uint32),
     }
-    encoded = encode_frame(_simulated_record(task, 0), arrays)
+    encoded = encode_frame(_simulate_record(task, 0), arrays)
     for view in range(task.views):
-        record = _simulated_record(task, view)
+        record = _simulate_record(task, view)
         images = {
             modality: replace(image, file=f"{record.frame_id}.{modality}{Path(image.file).suffix}")
             for modality, image in encoded.record.images.items()
@@ -142,7 +142,7 @@ def simulate_world(config_json: str, task: WorldTask, url: str | None) -> Iterat
     yield WorldLegend({number: f"label {number}" for number in range(1, 5)}, {})
 
 
-def _simulated_record(task: WorldTask, view: int) -> FrameRecord:
+def _simulate_record(task: WorldTask, view: int) -> FrameRecord:
     """Return a record as long as a real one."""
     sha256 = "0" * 64
     provenance = Provenance(task.seed, task.seed, sha256, "analytic", "0", "standard", 4)

@@ -81,7 +81,7 @@ def drive(
         scan: Pattern of the lidar.
     """
     with TemporaryDirectory() as temporary:
-        recorded = _recorded(
+        recorded = _record(
             settings, say, world, way_m, {**ROVER, **(rover or {})}, slalom_m, scan, Path(temporary)
         )
         say(0.5, f"{world}: KISS-ICP")
@@ -111,7 +111,7 @@ def _yaw_rate_deg_s(lidar: TimedTransforms) -> float:
     return float(np.sqrt(np.mean((turns_deg / np.diff(lidar.times_s)) ** 2)))
 
 
-def _recorded(
+def _record(
     settings: Settings,
     say: Say,
     world: str,
@@ -136,7 +136,7 @@ def _recorded(
         def scans() -> Iterator[TimedScan]:
             for i, sample in enumerate(planned.samples()):
                 say(0.1 + 0.4 * i / count, text)
-                yield _timed_scan(sample, trajectory, lidar)
+                yield _time_scan(sample, trajectory, lidar)
 
         write_scans(folder, scans())
     finally:
@@ -146,7 +146,7 @@ def _recorded(
     return LidarDrive(folder, lidar, truth, str(planned.plan.obstacle or ""))
 
 
-def _timed_scan(sample: TimedSample, trajectory: Trajectory, lidar: LidarInfo) -> TimedScan:
+def _time_scan(sample: TimedSample, trajectory: Trajectory, lidar: LidarInfo) -> TimedScan:
     """Return a scan, and its points as they would be had the lidar stood where the scan ends."""
     points = sample.sample.scan(LIDAR).data
     points_m = np.stack([points[axis] for axis in "xyz"], axis=-1).astype(np.float64)

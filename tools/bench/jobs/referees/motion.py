@@ -42,12 +42,12 @@ def imu(settings: Settings, say: Say, turned_deg: float) -> dict[str, Any]:
     say(0.0, "GTSAM")
     turned = plain.model_copy(update={"mount_quat_xyzw": (x, y, z, w)})
     return {
-        name: asdict(_preintegrated(flight, mounted, plain))
+        name: asdict(_preintegrate(flight, mounted, plain))
         for name, mounted in (("plain", plain), ("turned", turned))
     }
 
 
-def _preintegrated(flight: Trajectory, mounted: ImuConfig, believed: ImuConfig) -> ImuFigures:
+def _preintegrate(flight: Trajectory, mounted: ImuConfig, believed: ImuConfig) -> ImuFigures:
     times_s = np.arange(0.0, flight.end_s, 1 / mounted.rate_hz)
     measured = measure(mounted, flight, times_s, GRAVITY)
     table = np.column_stack((times_s, measured.angular_rate_rad_s, measured.specific_force_m_s2))

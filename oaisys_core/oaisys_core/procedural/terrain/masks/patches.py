@@ -102,7 +102,7 @@ def blend_masks(
     scores += balancing_offsets(few, wanted)[:, None, None]
     if gates is not None:
         with np.errstate(divide="ignore"):
-            scores += np.float32(RELUCTANCE) * np.log(_opened(gates))
+            scores += np.float32(RELUCTANCE) * np.log(_open_first(gates))
     return weights_of(scores, border_softness(sharpness))
 
 
@@ -161,7 +161,7 @@ def layer_masks(
         weights[:index] *= 1 - cover
         weights[index] = cover
     if gates is not None:
-        weights *= _opened(gates)
+        weights *= _open_first(gates)
         weights[0] += weights.sum(axis=0) == 0
     return np.asarray(weights / weights.sum(axis=0), np.float32)
 
@@ -175,7 +175,7 @@ def gate(values: ArrayLike, bounds: tuple[float, float], soft: float) -> NDArray
     return np.asarray(np.minimum(rising, falling), np.float32)
 
 
-def _opened(gates: NDArray[np.float32]) -> NDArray[np.float32]:
+def _open_first(gates: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the gates, with that of the first layer set to 1 where all are 0."""
     opened = gates.copy()
     opened[0][gates.max(axis=0) <= 0] = 1

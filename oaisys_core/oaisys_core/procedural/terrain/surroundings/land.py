@@ -74,7 +74,7 @@ def land_around(
     border = border_of(stage)
     rings = rings_around(border, sqrt(2 * body_radius_m * HIGHEST_VIEW_M))
     xy_m = np.concatenate([ring.xy_m(border) for ring in rings])
-    height_m = _continued(border, rings)
+    height_m = _continue(border, rings)
     distance_m = border.distance_m(xy_m)
     spacing_m = np.repeat([ring.spacing_m for ring in rings], [len(r.along) for r in rings])
     own = own_octaves(stage)
@@ -151,7 +151,7 @@ def relief(
     total_m = np.zeros(len(xy_m))
     for index, octave in enumerate(octaves):
         weight = _step(distance_m / (ONSET * octave.wavelength_m))
-        weight *= _resolved(octave, spacing_m)
+        weight *= _resolvable_share(octave, spacing_m)
         here = np.flatnonzero(weight > 0)
         if len(here) and octave.deviation_m:
             total_m[here] += weight[here] * _octave_heights(xy_m[here], octave, index, rngs[index])
@@ -176,7 +176,7 @@ def endless_relief(
     octaves = list(land.detail.octaves)
     rngs = _streams(border_of(land.stage), land.detail.seed, len(octaves))
     for index, octave in enumerate(octaves):
-        weight = _resolved(octave, spacing_m)
+        weight = _resolvable_share(octave, spacing_m)
         rows = np.flatnonzero(weight > 0)
         if len(rows) and octave.deviation_m:
             height_m = np.zeros(xy_m.shape[:2])
@@ -185,7 +185,7 @@ def endless_relief(
             yield octave.wavelength_m, height_m
 
 
-def _resolved(octave: Octave, spacing_m: FloatArray) -> FloatArray:
+def _resolvable_share(octave: Octave, spacing_m: FloatArray) -> FloatArray:
     """Return (N,) shares of an octave that points at some distances from each other can have."""
     points = octave.wavelength_m / spacing_m
     return _step((points - MIN_POINTS) / (ENOUGH_POINTS - MIN_POINTS))
@@ -202,7 +202,7 @@ def _octave_heights(
     return noise * (octave.deviation_m / NOISE_DEVIATION)
 
 
-def _continued(border: Border, rings: list[Ring]) -> FloatArray:
+def _continue(border: Border, rings: list[Ring]) -> FloatArray:
     """Return the heights of the border, continued to all points of the rings."""
     continuation = BorderContinuation(border)
     heights = [border.height_m]

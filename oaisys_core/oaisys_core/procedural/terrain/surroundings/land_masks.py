@@ -121,10 +121,10 @@ class PatchyLandMasks:
             return weights
         result = weights.copy()
         t = share[beyond, None]
-        result[beyond] = weights[beyond] * (1 - t) + self._interpolated(xy_m[beyond]) * t
+        result[beyond] = weights[beyond] * (1 - t) + self._interpolate(xy_m[beyond]) * t
         return result
 
-    def _interpolated(self, xy_m: FloatArray) -> FloatArray:
+    def _interpolate(self, xy_m: FloatArray) -> FloatArray:
         columns, rows = self.texels_at(xy_m)
         left, low = columns.astype(np.intp), np.minimum(rows.astype(np.intp), self.rows - 2)
         s, t = columns - left, rows - low
@@ -193,7 +193,7 @@ class PatchyLandMasks:
             # Iso-lines of linearly interpolated noise have corners.
             way = cv2.INTER_CUBIC if each == 0 else cv2.INTER_LINEAR
             x, y = (
-                _wrapped(reach[rows, None] * along + np.float32(start), whole, size)
+                _wrap(reach[rows, None] * along + np.float32(start), whole, size)
                 for along, start in zip((cos, sin), tiles.start, strict=True)
             )
             for noise, score in zip(tiles.noises, scores, strict=True):
@@ -222,7 +222,7 @@ class Tiles(NamedTuple):
     turn_rad: float
 
 
-def _wrapped(texels: Field, whole: int, size: int) -> Field:
+def _wrap(texels: Field, whole: int, size: int) -> Field:
     """Return places in a tile of ``size`` texels; ``texels`` are of one of ``whole`` texels."""
     tiles = texels * np.float32(1 / whole)
     tiles -= np.floor(tiles)

@@ -101,9 +101,9 @@ def land_relief(
         for index, form_m in enumerate(forms_m):
             raised_m[index] += octave_m * (1 - _share_above(form_m, wave_m))
             ground_m[index] += octave_m * _share_above(SLOPES * form_m, wave_m)
-    steepness = np.sum([_normalised(_slope(each / cell_m)) for each in ground_m], axis=0)
-    prominence = np.sum([_normalised(each / cell_m) for each in raised_m], axis=0)
-    return LandRelief(_normalised(steepness), _normalised(prominence), preferences)
+    steepness = np.sum([_normalise(_slope(each / cell_m)) for each in ground_m], axis=0)
+    prominence = np.sum([_normalise(each / cell_m) for each in raised_m], axis=0)
+    return LandRelief(_normalise(steepness), _normalise(prominence), preferences)
 
 
 def _share_above(limit_m: FloatArray, wave_m: float) -> FloatArray:
@@ -123,7 +123,7 @@ def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
 
     size = len(relief.height_m)
     slope = relief.slope_rad - relief.slope_rad.mean()
-    raised = relief.height_m - _blurred(relief.height_m, size / 16)
+    raised = relief.height_m - _blur(relief.height_m, size / 16)
     found = []
     for index, mask in enumerate(masks):
         weight = cv2.resize(mask, (size, size), interpolation=cv2.INTER_AREA)
@@ -143,7 +143,7 @@ def _around_circle(values: FloatArray) -> FloatArray:
     return np.concatenate((values[:, -1:], values, values[:, :1]), axis=1)
 
 
-def _normalised(values: FloatArray) -> Field:
+def _normalise(values: FloatArray) -> Field:
     """Return (R, C) values relative to those at similar distances."""
     mean = _over_rings(values.mean(axis=1))
     deviation = np.sqrt(_over_rings(((values - mean[:, None]) ** 2).mean(axis=1)))
@@ -152,10 +152,10 @@ def _normalised(values: FloatArray) -> Field:
 
 
 def _over_rings(values: FloatArray) -> FloatArray:
-    return _blurred(values[:, None], ROWS_ALIKE)[:, 0]
+    return _blur(values[:, None], ROWS_ALIKE)[:, 0]
 
 
-def _blurred(values: FloatArray | Field, sigma: float) -> FloatArray:
+def _blur(values: FloatArray | Field, sigma: float) -> FloatArray:
     import cv2
 
     blurred = cv2.GaussianBlur(

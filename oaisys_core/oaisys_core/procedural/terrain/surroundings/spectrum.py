@@ -83,14 +83,14 @@ def _octaves_of(height_m: FloatArray, spacing_m: float) -> list[Octave]:
         rows, cols = (size // 2 * 2 for size in height_m.shape)
         blocks = height_m[:rows, :cols].reshape(rows // 2, 2, cols // 2, 2)
         means_m = blocks.mean(axis=(1, 3))
-        smooth_m = _interpolated(_interpolated(means_m, 0), 1)
+        smooth_m = _interpolate(_interpolate(means_m, 0), 1)
         deviation_m = float((height_m[:rows, :cols] - smooth_m).std())
         octaves.append(Octave(WAVELENGTH_BLOCKS * spacing_m, deviation_m))
         height_m, spacing_m = means_m, 2 * spacing_m
     return octaves
 
 
-def _interpolated(values: FloatArray, axis: int) -> FloatArray:
+def _interpolate(values: FloatArray, axis: int) -> FloatArray:
     """Return twice as many values along an axis, interpolated between the middles of cells."""
     along = np.moveaxis(values, axis, 0)
     if len(along) == 1:

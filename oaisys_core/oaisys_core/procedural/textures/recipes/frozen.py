@@ -45,7 +45,7 @@ def sastrugi(size_px: int, rng: np.random.Generator) -> TextureMaps:
     grain = fields.grains(size_px, rng, 0.9)
     # The wind shifts crests along its way, the more the higher they are, which steepens one side.
     steep = np.asarray(fields.blur(ridge, size_px / 200) * (0.011 * size_px), np.float32)
-    ridge = _shifted(ridge, steep)
+    ridge = _shift(ridge, steep)
     terrace = 0.5 * smoothstep(-0.2, 0.5, ridge) + 0.5 * smoothstep(0.9, 1.5, ridge)
     height = 0.0035 * drift + 0.0030 * ridge + 0.0065 * terrace
     height += (0.0008 + 0.0007 * terrace) * flutes + 0.00005 * grain
@@ -57,7 +57,7 @@ def sastrugi(size_px: int, rng: np.random.Generator) -> TextureMaps:
     return finish_maps(color, height, rough, albedo=0.79, shade=0.15)
 
 
-def _shifted(field: Field, shift_px: Field) -> Field:
+def _shift(field: Field, shift_px: Field) -> Field:
     """Return a tileable field, moved along its rows by (N, N) pixels."""
     size_px = len(field)
     rows, columns = np.meshgrid(np.arange(size_px), np.arange(size_px), indexing="ij")

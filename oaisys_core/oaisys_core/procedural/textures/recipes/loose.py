@@ -62,15 +62,15 @@ LUNAR_STONES: tuple[Color, ...] = (
 
 def gravel(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Broken stones of 1 to 20 cm on grit, dust between them."""
-    return _broken_stones(size_px, rng, (0.52, 0.45, 0.36), GRAVEL_STONES)
+    return _crush_stones(size_px, rng, (0.52, 0.45, 0.36), GRAVEL_STONES)
 
 
 def gravel_dark(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Broken volcanic stones on black grit."""
-    return _broken_stones(size_px, rng, (0.31, 0.285, 0.265), VOLCANIC_STONES)
+    return _crush_stones(size_px, rng, (0.31, 0.285, 0.265), VOLCANIC_STONES)
 
 
-def _broken_stones(
+def _crush_stones(
     size_px: int, rng: np.random.Generator, grit: Color, stones: tuple[Color, ...]
 ) -> TextureMaps:
     """Return stones of 1 to 20 cm on grit of one colour."""

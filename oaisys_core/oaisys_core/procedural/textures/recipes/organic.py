@@ -51,7 +51,7 @@ LEAVES: tuple[Color, ...] = (
 EARTH: Color = (0.105, 0.078, 0.054)
 
 
-def _scattered(
+def _scatter(
     size_px: int,
     rng: np.random.Generator,
     number: int,
@@ -111,12 +111,12 @@ def grass(size_px: int, rng: np.random.Generator) -> TextureMaps:
     wind = 1.4 * fields.tile_noise(size_px, 3, rng, 1.9)
     tufts = smoothstep(-1.6, 0.3, fields.tile_noise(size_px, 9, rng, 1.5) + 0.5 * lush)
     ribbon_layer = RibbonLayer(size_px, 0.05 * size_px)
-    thatch = _scattered(
+    thatch = _scatter(
         size_px, rng, 9000, (0.02, 0.07), (0.0012, 0.0022), low=(0.0, 0.004), rise=(0, 0.004)
     )
     ribbon_layer.lay(thatch)
     dry = ribbon_layer.count
-    lower = _scattered(
+    lower = _scatter(
         size_px,
         rng,
         26000,
@@ -131,7 +131,7 @@ def grass(size_px: int, rng: np.random.Generator) -> TextureMaps:
         density=0.4 + 0.6 * tufts,
     )
     ribbon_layer.lay(lower)
-    upper = _scattered(
+    upper = _scatter(
         size_px,
         rng,
         17000,
@@ -205,7 +205,7 @@ SHOOT_LEAVES = 7
 
 def _shoots(size_px: int, rng: np.random.Generator, number: int, cover: Field) -> Ribbons:
     """Return the leaves of shoots of moss: stars of `SHOOT_LEAVES`, one after the other."""
-    centres = _scattered(
+    centres = _scatter(
         size_px, rng, number, (0.0022, 0.0048), (0.0010, 0.0015), low=(0.002, 0.008), density=cover
     )
     count = len(centres.length)
@@ -226,11 +226,11 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A forest's floor in autumn: fallen leaves in layers, twigs, needles, crumbs of earth."""
     ribbon_layer = RibbonLayer(size_px, 0.06 * size_px)
     lumps = fields.tile_noise(size_px, 3, rng, 2.0)
-    ribbon_layer.lay(_scattered(size_px, rng, 7000, (0.008, 0.03), (0.0012, 0.004), low=(0, 0.008)))
+    ribbon_layer.lay(_scatter(size_px, rng, 7000, (0.008, 0.03), (0.0012, 0.004), low=(0, 0.008)))
     needles = ribbon_layer.count
     for layer in range(3):
         ribbon_layer.lay(
-            _scattered(
+            _scatter(
                 size_px,
                 rng,
                 1500,
@@ -246,7 +246,7 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
         )
     leaves = ribbon_layer.count
     ribbon_layer.lay(
-        _scattered(size_px, rng, 260, (0.03, 0.16), (0.0016, 0.0042), low=(0.012, 0.03), bend=0.12)
+        _scatter(size_px, rng, 260, (0.03, 0.16), (0.0016, 0.0042), low=(0.012, 0.03), bend=0.12)
     )
     ids, along, across = ribbon_layer.ids, ribbon_layer.along, ribbon_layer.across
     tone = _tones(LEAVES, ribbon_layer.count, rng, 0.2)
@@ -284,13 +284,13 @@ def turf(size_px: int, rng: np.random.Generator) -> TextureMaps:
     covered = smoothstep(-2.2, -0.9, worn + 0.4 * lush)
     wind = 1.2 * fields.tile_noise(size_px, 6, rng, 1.8)
     ribbon_layer = RibbonLayer(size_px, 0.03 * size_px)
-    thatch = _scattered(
+    thatch = _scatter(
         size_px, rng, 15000, (0.010, 0.028), (0.0008, 0.0014), rise=(0, 0.003), density=covered
     )
     ribbon_layer.lay(thatch)
     dry = ribbon_layer.count
     for number, rise in ((42000, (0.002, 0.007)), (34000, (0.005, 0.012))):
-        blades = _scattered(
+        blades = _scatter(
             size_px,
             rng,
             number,

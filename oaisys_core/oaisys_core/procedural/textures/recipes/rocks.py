@@ -20,12 +20,12 @@ from oaisys_core.procedural.textures.recipes.finish import (
 
 def rock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Weathered, brown sandstone."""
-    return _weathered(size_px, rng, (0.55, 0.48, 0.40))
+    return _weather(size_px, rng, (0.55, 0.48, 0.40))
 
 
 def basalt(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Dark grey rock with the bubbles of its lava, to lie on regolith."""
-    plain = _weathered(size_px, rng, (0.36, 0.355, 0.348), staining=0.009)
+    plain = _weather(size_px, rng, (0.36, 0.355, 0.348), staining=0.009)
     gassy = np.clip(0.3 + 0.5 * fields.tile_noise(size_px, 4, rng, 1.8), 0.02, 1)
     holes = fields.spread(size_px, 6500, (0.0014, 0.010), 2.4, rng, gassy)
     depth = fields.domes(size_px, *holes) / size_px
@@ -104,7 +104,7 @@ def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
     return finish_maps(color, height, 0.68 + 0.1 * low + 0.05 * wrinkle, albedo=0.068, shade=0.7)
 
 
-def _weathered(
+def _weather(
     size_px: int, rng: np.random.Generator, tone: Color, staining: float = 0.025
 ) -> TextureMaps:
     """Return bare rock: faint layers, broken steps, pits, cracks, stains."""

@@ -98,7 +98,7 @@ def with_rims(
     dark = tree.clamp("MULTIPLY_ADD", near, gain, -DARK_FROM * gain)
     if fines is None:
         share = tree.math("MULTIPLY", dark, 1 - DARKEST)
-        return _darkened(tree, surface, share), texel
+        return _darken(tree, surface, share), texel
     share = tree.clamp("MULTIPLY", near, 1 / FINES_FROM)
     share = tree.math("MULTIPLY", share, MAX_FINES)
     brightness = tree.math("MULTIPLY_ADD", dark, DARKEST - FINES_BRIGHTNESS, FINES_BRIGHTNESS)
@@ -118,10 +118,10 @@ def _with_tracks(tree: NodeTree, surface: Socket, passed: Socket) -> Socket:
         # Sharp, but not stepped: from one texel to the next, values rise from 0.
         is_track = tree.clamp("MULTIPLY", value, 255.0)
         track = tree.math("MAXIMUM", track, tree.math("MULTIPLY", is_passed, is_track))
-    return _darkened(tree, surface, tree.math("MULTIPLY", track, TRACK_DARKENING))
+    return _darken(tree, surface, tree.math("MULTIPLY", track, TRACK_DARKENING))
 
 
-def _darkened(tree: NodeTree, surface: Socket, share: Socket) -> Socket:
+def _darken(tree: NodeTree, surface: Socket, share: Socket) -> Socket:
     """Return a surface that reflects a share of its light less."""
     black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
     return tree.mix(share, surface, black)

@@ -86,7 +86,7 @@ class GroundMaterials:
             for finer, footprint_m in enumerate(self._bounds_m)
         ]
         self._groups: dict[tuple[Any, ...], Any] = {}
-        self.stage = self._made("ground", ())
+        self.stage = self._make("ground", ())
 
     def show_contact(self, contact: ContactMap | None) -> None:
         """Show the fines at the feet of things; None shows none."""
@@ -101,9 +101,9 @@ class GroundMaterials:
         if land is None and detail is None:
             return self.stage
         masks = () if land is None else mask_images(land.weights, "land_masks")
-        return self._made("land", masks, detail)
+        return self._make("land", masks, detail)
 
-    def _made(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
+    def _make(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
         result = new_material(name)
         tree = NodeTree(node_tree_of(result))
         weights = None

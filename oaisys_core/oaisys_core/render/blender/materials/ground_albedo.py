@@ -154,13 +154,13 @@ class GroundAlbedo:
         if self.contact is not None:
             is_known &= ~self.contact.is_near(xy_m)
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
-        albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
+        albedo = self._mix(xy_m, weights, np.where(is_known, level, UNKNOWN))
         if sky.haze is not None:
             clear = albedo[is_known].astype(np.float64)
             albedo[is_known] = in_haze(clear, distance_m[is_known], sky.haze, sky)
         return PixelAlbedo(albedo, is_known)
 
-    def _mixed(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
+    def _mix(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
         """Return the (H, W, 3) colour of all layers where the level of detail is known."""
         color = np.zeros((*level.shape, 3), np.float32)
         step_m = np.gradient(xy_m, axis=0)
@@ -230,12 +230,15 @@ class GroundAlbedo:
         return LandPlaces(land.weights[1:], share.astype(np.float32), *land.texels_at(xy_m))
 
     def _borders_at(self, level: int) -> list[LayerBorder]:
-        seen = [self._seen(each.maps, each.maps.tile_m, level) for each in self._material.layers]
+        seen = [
+            self._maps_at_level(each.maps, each.maps.tile_m, level)
+            for each in self._material.layers
+        ]
         return borders([self._images.heights(maps).variance for maps in seen])
 
     def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
         """Return the (R, W, 4) colour and heights of a texture set."""
-        image = self._with_heights(self._seen(maps, maps.tile_m, level))
+        image = self._with_heights(self._maps_at_level(maps, maps.tile_m, level))
         return np.asarray(cv2.LUT(_texture(image, xy_m / maps.tile_m), LINEAR))
 
     def _with_heights(self, seen: PbrMaps) -> NDArray[np.uint8]:
@@ -249,13 +252,13 @@ class GroundAlbedo:
         maps, variation = self._material.layers[0].maps, self._material.variation
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
         cos, sin = np.cos(VARIATION_TURN_RAD), np.sin(VARIATION_TURN_RAD)
-        height = self._seen(maps, size_m, level).height
+        height = self._maps_at_level(maps, size_m, level).height
         pattern = _texture(height, xy_m @ np.array([[cos, sin], [-sin, cos]]) / size_m)
         ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
         factor = pattern[..., None] * ranges.astype(np.float32)
         return np.asarray(factor + (1 - ranges / 2).astype(np.float32), np.float32)
 
-    def _seen(self, maps: PbrMaps, tile_m: float, level: int) -> PbrMaps:
+    def _maps_at_level(self, maps: PbrMaps, tile_m: float, level: int) -> PbrMaps:
         """Return the maps of a texture at a level of the material, if a tile is so wide."""
         levels = self._levels[id(maps)]
         footprint_m = float(self._footprints_m[level])

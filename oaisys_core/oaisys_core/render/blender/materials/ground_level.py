@@ -59,7 +59,7 @@ class LevelNodes:
     def surface(self) -> Socket:
         """Return the surface, projected from above and, if the material asks for it, from sides."""
         if not self._level.material.projects_sides:
-            return self._projected(None)
+            return self._project(None)
         tree = self._tree
         normal = tree.add("NewGeometry").outputs["Normal"]
         nx, ny, nz = (
@@ -68,10 +68,10 @@ class LevelNodes:
         slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
         steep = tree.clamp("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
         turn = tree.clamp("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
-        sides = tree.mix(turn, self._projected((0, 2)), self._projected((1, 2)))
-        return tree.mix(steep, self._projected(None), sides)
+        sides = tree.mix(turn, self._project((0, 2)), self._project((1, 2)))
+        return tree.mix(steep, self._project(None), sides)
 
-    def _projected(self, axes: Axes) -> Socket:
+    def _project(self, axes: Axes) -> Socket:
         """Return the surface of all layers, projected onto a plane."""
         return in_group(self._tree, "ground_plane", partial(self._plane_surface, axes))
 

@@ -46,15 +46,15 @@ class ImageStore:
     def color(self, maps: PbrMaps) -> Any:
         """Return the albedo with `heights` in alpha."""
         heights = self._heights[id(maps)].texels
-        return self._stored(maps, "color", maps.color_srgb, heights, is_color=True)
+        return self._store(maps, "color", maps.color_srgb, heights, is_color=True)
 
     def normal_roughness(self, maps: PbrMaps) -> Any:
         """Return the normal with roughness in alpha, so that one lookup gives both."""
-        return self._stored(maps, "normal", maps.normal_gl, maps.roughness)
+        return self._store(maps, "normal", maps.normal_gl, maps.roughness)
 
     def height(self, maps: PbrMaps) -> Any:
         """Return the height, 0 to 1."""
-        return self._stored(maps, "height", maps.height[..., None] * 255)
+        return self._store(maps, "height", maps.height[..., None] * 255)
 
     def remove_unused(self) -> None:
         """Remove images that no material uses any more."""
@@ -67,7 +67,7 @@ class ImageStore:
                 for level in levels:
                     del self._heights[id(level)]
 
-    def _stored(
+    def _store(
         self,
         maps: PbrMaps,
         kind: str,

@@ -87,16 +87,16 @@ def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
-    local = _filled(mesh.vertices, "co", 3)
+    local = _fill(mesh.vertices, "co", 3)
     T = np.array(evaluated.matrix_world, np.float64)
     found: dict[str, NDArray[Any]] = {
         "vertices_m": transform_points(T, local),
-        "triangles": _filled(mesh.loop_triangles, "vertices", 3, np.int32),
+        "triangles": _fill(mesh.loop_triangles, "vertices", 3, np.int32),
     }
-    corners = _filled(mesh.loop_triangles, "loops", 3, np.int32)
+    corners = _fill(mesh.loop_triangles, "loops", 3, np.int32)
     image = _base_image(thing)
     if image is not None and mesh.uv_layers.active is not None:
-        found["uv"] = _filled(mesh.uv_layers.active.data, "uv", 2)[corners]
+        found["uv"] = _fill(mesh.uv_layers.active.data, "uv", 2)[corners]
         found["color_image_srgb"] = image
     elif mesh.color_attributes.active_color is not None:
         found["vertex_colors_srgb"] = _vertex_colors(mesh)
@@ -106,7 +106,7 @@ def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _filled(items: Any, name: str, width: int, dtype: Any = np.float32) -> NDArray[Any]:
+def _fill(items: Any, name: str, width: int, dtype: Any = np.float32) -> NDArray[Any]:
     values = np.empty(len(items) * width, dtype)
     items.foreach_get(name, values)
     return values.reshape(-1, width)
@@ -115,7 +115,7 @@ def _filled(items: Any, name: str, width: int, dtype: Any = np.float32) -> NDArr
 def _vertex_colors(mesh: Any) -> NDArray[np.uint8]:
     """Return one colour per vertex, the mean if its corners have different ones."""
     attribute = mesh.color_attributes.active_color
-    values = _filled(attribute.data, "color_srgb", 4)[:, :3]
+    values = _fill(attribute.data, "color_srgb", 4)[:, :3]
     if attribute.domain == "CORNER":
         vertex = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", vertex)
@@ -125,7 +125,7 @@ def _vertex_colors(mesh: Any) -> NDArray[np.uint8]:
     return np.asarray(np.rint(np.clip(values, 0, 1) * 255), np.uint8)
 
 
-def _principled(thing: Any) -> Any:
+def _find_principled(thing: Any) -> Any:
     """Return the first principled shader among an object's materials, or None."""
     for slot in thing.material_slots:
         tree = slot.material.node_tree if slot.material is not None else None
@@ -136,7 +136,7 @@ def _principled(thing: Any) -> Any:
 
 
 def _base_image(thing: Any) -> NDArray[np.uint8] | None:
-    shader = _principled(thing)
+    shader = _find_principled(thing)
     links = shader.inputs["Base Color"].links if shader is not None else ()
     image = links[0].from_node.image if links and links[0].from_node.type == "TEX_IMAGE" else None
     if image is None or (not image.has_data and not image.pixels):
@@ -150,7 +150,7 @@ def _base_image(thing: Any) -> NDArray[np.uint8] | None:
 
 
 def _base_color(thing: Any) -> NDArray[np.uint8] | None:
-    shader = _principled(thing)
+    shader = _find_principled(thing)
     if shader is None:
         return None
     return encode_srgb(np.array(shader.inputs["Base Color"].default_value[:3]))

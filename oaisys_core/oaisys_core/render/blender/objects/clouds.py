@@ -58,7 +58,7 @@ def before_sky(tree: NodeTree, sky: Sky, clouds: Clouds, ray: Socket, color: Soc
     threshold = NOISE_MEAN + NOISE_DEVIATION * NormalDist().inv_cdf(
         min(max(1 - clouds.cover, 1e-6), 1 - 1e-6)
     )
-    lit = np.array(_lit_radiance(sky))
+    lit = np.array(_radiance_of_top(sky))
     bright = _towards_sun_gain(tree, sky, ray)
     middle_km = (clouds.base_m + MAX_RISE / 2 * clouds.size_m) / 1000
     fine = _noise(
@@ -110,7 +110,7 @@ def _distance_km(tree: NodeTree, up: Socket, height_km: float) -> Socket:
     return tree.math("SUBTRACT", tree.math("SQRT", square), rise_km)
 
 
-def _lit_radiance(sky: Sky) -> Color:
+def _radiance_of_top(sky: Sky) -> Color:
     """Return the radiance of a sunlit top."""
     # A cloud's sides catch a low sun.
     facing = 0.25 + 0.75 * max(sin(sky.sun_elevation_rad), 0.0)

@@ -120,7 +120,7 @@ class SceneObjects:
         for prototype, placement in placed:
             group = kept.get(id(placement))
             if group is None or group.prototype is not prototype:
-                group = self._moved_or_new(prototype, placement, left)
+                group = self._move_or_create(prototype, placement, left)
             groups.append(group)
         for unused in left.values():
             unused.shown.remove()
@@ -132,7 +132,7 @@ class SceneObjects:
         for key in self._meshes.keys() - used:
             self._meshes.pop(key)[1].use_fake_user = False
 
-    def _moved_or_new(
+    def _move_or_create(
         self, prototype: MeshPrototype, placement: Placement, left: dict[int, ShownPlacement]
     ) -> ShownPlacement:
         contact = self._ground(placement.T_map_object) if prototype.dust_m else None

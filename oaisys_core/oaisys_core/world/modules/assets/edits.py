@@ -150,16 +150,16 @@ class EditedAssets:
         self._move(world.sample_id, metadata.time_s)
         edits = self._edits_by_placement(metadata)
         placements = [
-            self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
+            self._edit(index, each, metadata.group(each.group), edits.get(index, ()))
             for index, each in enumerate(self._cache.placements)
         ]
-        placements += [self._added(name, spec) for name, spec in metadata.additions.items()]
-        world.placements = _kept(world.placements, placements)
+        placements += [self._add(name, spec) for name, spec in metadata.additions.items()]
+        world.placements = _keep_same(world.placements, placements)
         edits_of_all = metadata.object_edits
         if edits_of_all != self._cache.edits:
             world.primitives = edit_primitives(self._drawn.primitives, edits_of_all)
             self._cache.edits = edits_of_all
-        world.prototypes = _kept(world.prototypes, self._cache.prototypes)
+        world.prototypes = _keep_same(world.prototypes, self._cache.prototypes)
         self._label(metadata)
 
     @property
@@ -192,7 +192,7 @@ class EditedAssets:
                 edits[index] = (*edits.get(index, ()), (instance_id, edit))
         return edits
 
-    def _edited(
+    def _edit(
         self,
         index: int,
         each: AssetPlacement,
@@ -208,7 +208,7 @@ class EditedAssets:
             self._cache.changed[index] = known
         return known[2]
 
-    def _added(self, name: str, spec: AddedConfig) -> Placement:
+    def _add(self, name: str, spec: AddedConfig) -> Placement:
         known = self._cache.changed.get(name)
         if known is None or known[0] != spec:
             prototype = self._prototype_of(name, spec)
@@ -259,7 +259,7 @@ def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
                 raise InvalidInputError(path, label, f"{quote(known)}, the name of {semantic_id}")
 
 
-def _kept(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:
+def _keep_same(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:
     """Return ``old`` itself if it contains the same objects as ``new``."""
     same = len(old) == len(new) and all(a is b for a, b in zip(old, new, strict=True))
     return old if same else tuple(new)

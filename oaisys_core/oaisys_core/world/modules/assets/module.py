@@ -87,7 +87,7 @@ class AssetsModule(Module):
         """Draw all objects of a new world; edits of ids that it does not have are ignored."""
         checked = asset_metadata({}, metadata)
         material = require(world.material) if self._follows_layers() else None
-        things = self._drawn(require(world.ground), material, checked, rng)
+        things = self._draw(require(world.ground), material, checked, rng)
         world.primitives = things.primitives
         world.group_counts = things.counts
         for thing in self._config.items_with_labels:
@@ -150,7 +150,7 @@ class AssetsModule(Module):
         densities = (each for group in self._config.groups for each in group.density)
         return any(isinstance(density, LayerDensity) for density in densities)
 
-    def _drawn(
+    def _draw(
         self,
         ground: Ground,
         material: TerrainMaterial | None,
@@ -180,13 +180,13 @@ class AssetsModule(Module):
         if rock_texture not in TEXTURES:
             expected = one_of(TEXTURES, rock_texture)
             yield InvalidInputError("assets.rock_texture", rock_texture, expected)
-        for field, thing in self._shaped():
+        for field, thing in self._sections_with_shape():
             try:
                 self._library.check(thing, field)
             except InvalidInputError as error:
                 yield error
 
-    def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
+    def _sections_with_shape(self) -> Iterable[tuple[str, ShapedConfig]]:
         """Yield everything in the configuration that has a shape, with its path."""
         for part in ("groups", "objects", "movers"):
             for index, thing in enumerate(getattr(self._config, part)):
@@ -205,7 +205,7 @@ class AssetsModule(Module):
                 raise InvalidInputError(f"{path}.count_factor", factor, expected)
 
     def _check_added(self, metadata: AssetMetadata) -> None:
-        names = {getattr(thing, "name", "") for _, thing in self._shaped()}
+        names = {getattr(thing, "name", "") for _, thing in self._sections_with_shape()}
         ids: dict[int, str] = {}
         for name, spec in metadata.additions.items():
             path = f"metadata.{PART}.add.{name}"

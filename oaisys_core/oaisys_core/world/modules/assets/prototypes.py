@@ -66,7 +66,7 @@ class PrototypeLibrary:
 
     def rock_maps(self) -> PbrMaps:
         """Return the texture set of rocks without their own."""
-        return self._textured(self._rock_texture, self._tile_m)
+        return self._texture(self._rock_texture, self._tile_m)
 
     def prototype(
         self,
@@ -86,7 +86,7 @@ class PrototypeLibrary:
             look = make_shape(config.shape, rng, largest_m, detail, plant_m)
         else:
             look = self._from_file(config, "file")
-        return self._coloured(look, config)
+        return self._color(look, config)
 
     def group_prototypes(self, group: GroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
         """Return the variants of each size class of a group, each 1 m along its longest axis."""
@@ -101,7 +101,7 @@ class PrototypeLibrary:
         ]
         return [_of_size_1(look) for look in looks]
 
-    def _coloured(self, look: MeshPrototype, config: ShapedConfig) -> MeshPrototype:
+    def _color(self, look: MeshPrototype, config: ShapedConfig) -> MeshPrototype:
         if config.color_srgb is not None:
             bare = replace(look, vertex_colors_srgb=None, uv=None, color_image_srgb=None)
             return replace(bare, color_srgb=config.color_srgb)
@@ -110,9 +110,9 @@ class PrototypeLibrary:
             texture = self._rock_texture
         if texture is None:
             return look
-        return replace(look, maps=self._textured(texture, config.tile_m or self._tile_m))
+        return replace(look, maps=self._texture(texture, config.tile_m or self._tile_m))
 
-    def _textured(self, name: str, tile_m: float) -> PbrMaps:
+    def _texture(self, name: str, tile_m: float) -> PbrMaps:
         if (name, tile_m) not in self._maps:
             maps = texture_set(name, self._size_px, self._seed, default_cache_dir())
             self._maps[name, tile_m] = replace(maps, tile_m=tile_m)
