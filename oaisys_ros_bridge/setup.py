@@ -7,7 +7,7 @@ from setuptools import setup
 HERE = Path(__file__).absolute().parent
 
 
-def shared(folder: str) -> list[tuple[str, list[str]]]:
+def share_files(folder: str) -> list[tuple[str, list[str]]]:
     """Return the files in a folder as data files below the package's share folder.
 
     The folder is a link to the repository's; sdists hold the files. Sources are relative to the

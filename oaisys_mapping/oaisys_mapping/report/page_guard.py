@@ -55,7 +55,7 @@ class PageGuard:
         Raises:
             OaisysError: The server does not ask: the page would be without a guard.
         """
-        with requests_asked_about(self._wrapped):
+        with requests_asked_about(self._wrap):
             yield
 
     def fault(self, request: Request) -> str:

@@ -107,7 +107,7 @@ class WebViewer:
         server = None
         with redirect_stdout(StringIO()):
             try:
-                with self._guard.installed():
+                with self._guard.install():
                     server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
             except OaisysError:
                 if server is not None:

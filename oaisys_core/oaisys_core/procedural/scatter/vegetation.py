@@ -130,7 +130,7 @@ def shrub(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder
         outer = np.clip(np.linalg.norm(foot, axis=1) / 0.9, 0, 1)[:, None]
         color = _mix(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform(size=(count, 1)) ** 2)
         color = (0.6 + 0.6 * outer) * color * rng.uniform(0.85, 1.15, (count, 1))
-        organs = Organs(foot, ways, *leaf.drawn(count, rng, unit_m), color)
+        organs = Organs(foot, ways, *leaf.draw(count, rng, unit_m), color)
         add_kites(parts, organs, rng)
     return parts
 

@@ -111,7 +111,7 @@ class Dress:
         """Add leaves, as many of them folded ones of four triangles as there may be."""
         feet, directions, colors = self._places(min(wanted, most), rng)
         count = len(feet)
-        leaves = (feet, directions, *self.organ.drawn(count, rng, self.size_m), colors)
+        leaves = (feet, directions, *self.organ.draw(count, rng, self.size_m), colors)
         folded = rng.permutation(count) < (most - count) // (LEAF_TRIANGLES - 1)
         for chosen, add in ((folded, add_leaves), (~folded, add_simple_leaves)):
             some = Organs(*(each[chosen] for each in leaves))
@@ -119,7 +119,7 @@ class Dress:
 
     def _needles(self, count: int, rng: np.random.Generator) -> None:
         feet, directions, colors = self._places(count, rng)
-        sizes = self.organ.drawn(len(feet), rng, self.size_m)
+        sizes = self.organ.draw(len(feet), rng, self.size_m)
         add_needles(self.parts, Organs(feet, directions, *sizes, colors), rng)
 
     def _shoots(

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ConfigDict
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
+from oaisys_core.procedural.scatter.plants.fitting import fit_to_size
 from oaisys_core.procedural.scatter.plants.foliage import Color, Dress, Foliage
 from oaisys_core.procedural.scatter.plants.growth import UP, StemRule, Stems, branches, stems
 from oaisys_core.procedural.scatter.plants.organ_sizes import ORGANS, STRICT, OrganSize
@@ -55,7 +56,9 @@ class WoodyPlant:
     def grow(self, name: str, rng: np.random.Generator, size_m: float = 1.0) -> MeshPrototype:
         """Return a plant for a size, scaled to 1 m along its longest axis."""
         organs = ORGANS[name]
-        return fitted(name, lambda rng, unit_m, _: self._build(organs, rng, unit_m), rng, size_m)
+        return fit_to_size(
+            name, lambda rng, unit_m, _: self._build(organs, rng, unit_m), rng, size_m
+        )
 
     def _build(
         self, organs: Mapping[str, OrganSize], rng: np.random.Generator, unit_m: float

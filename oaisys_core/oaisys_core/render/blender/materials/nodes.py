@@ -132,8 +132,8 @@ class NodeTree:
             (bounds[middle + 1 :], surfaces[middle + 1 :]),
         )
         lower, upper = (self.by_number(number, *half, frees_stack=frees_stack) for half in halves)
-        mixture = self.mixed(is_beyond, lower, upper)
-        return self.freed(is_beyond, mixture) if frees_stack else mixture
+        mixture = self.mix(is_beyond, lower, upper)
+        return self.free_factor(is_beyond, mixture) if frees_stack else mixture
 
     def free_factor(self, factor: Socket, mixture: Socket) -> Socket:
         """Return a mixture whose factor is taken off Cycles' stack once the mixture is evaluated.
