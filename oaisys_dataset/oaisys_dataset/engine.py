@@ -170,7 +170,7 @@ class _WorldQueue:
         """Yield the parts of a world when they are written, by the worker or here."""
         parts = self._receive(stream, task)
         if self._url is None:
-            yield next(parts)  # it has begun, or failed before
+            yield next(parts)  # says that the world has begun, or has failed
             parts = write_world(self._place, task, parts)
         yield from parts
 

@@ -125,7 +125,7 @@ class Draw:
         return round(float(self.rng.uniform(low, high)), 4)
 
     def log(self, low: float, high: float) -> float:
-        """Return a number between two, as often in each octave."""
+        """Return a random number between two, with a uniformly distributed logarithm."""
         return float(f"{np.exp(self.rng.uniform(np.log(low), np.log(high))):.4g}")
 
     def whole(self, low: int, high: int) -> int:

@@ -104,7 +104,7 @@ class User:
         self._subscriptions.append(subscription)
 
     def spin_with(self, node: Node) -> None:
-        """Let another node of this context take its messages in, too."""
+        """Receive the messages of another node of this context, too."""
         self._executor.add_node(node)
 
     def wait_until(self, condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:

@@ -1,1 +1,1 @@
-"""Timed drives: when each sensor measures, and what it measures there."""
+"""Drives: the rig follows a trajectory, and each sensor measures at its own rate."""

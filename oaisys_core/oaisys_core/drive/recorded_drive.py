@@ -1,4 +1,4 @@
-"""Drives a planned drive into its outputs, and collects what a report shows of it."""
+"""Runs a planned drive, writes its outputs, and collects what a report shows of it."""
 
 from __future__ import annotations
 

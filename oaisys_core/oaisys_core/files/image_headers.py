@@ -66,7 +66,7 @@ def _jpeg(data: bytes) -> tuple[int, int]:
             place += 1
         marker = data[place]
         place += 1
-        if marker == 0xDA:  # the pixels
+        if marker == 0xDA:  # the pixels follow
             break
         if marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD8:
             continue

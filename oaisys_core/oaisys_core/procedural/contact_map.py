@@ -147,7 +147,7 @@ def _track_quads(track: WheelTracks) -> tuple[FloatArray, FloatArray]:
 
 
 def stage_ground(scene: Scene) -> Ground:
-    """Return the ground without the detail around the cameras, on which no colour may depend."""
+    """Return the ground without the detail near cameras; colours must not depend on cameras."""
     ground = scene.ground
     return ground.coarse if isinstance(ground, DetailedGround) else ground
 
@@ -162,7 +162,7 @@ class Outlines(NamedTuple):
 
     Attributes:
         centre_m: (N, 2) positions in ``map``.
-        corners_m: (N, SECTORS, 2) from there.
+        corners_m: (N, SECTORS, 2) corners of their outlines, relative to ``centre_m``.
         reach_m: (N, SECTORS) widths of their rims.
         uphill_m: (N, 2) how far the outer edges of the rims are shifted.
     """

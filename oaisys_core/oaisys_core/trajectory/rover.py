@@ -72,7 +72,7 @@ class RoverPlan:
 
 
 @dataclass(frozen=True)
-class _Stance:
+class _Attitudes:
     """The rover at N places of its way.
 
     Attributes:
@@ -88,9 +88,9 @@ class _Stance:
     heading: FloatArray
     plane: FloatArray
 
-    def upto(self, count: int) -> _Stance:
+    def upto(self, count: int) -> _Attitudes:
         """Return the first places."""
-        return _Stance(
+        return _Attitudes(
             self.arc_m[:count], self.xy_m[:count], self.heading[:count], self.plane[:count]
         )
 
@@ -156,20 +156,20 @@ def _bends(curve: WaypointCurve, arc_m: FloatArray) -> FloatArray:
 
 def _on_wheels(
     config: RoverConfig, curve: WaypointCurve, arc_m: FloatArray, heights: HeightLookup
-) -> _Stance:
+) -> _Attitudes:
     """Place the rover where the rims of its wheels fit best to the surface (least squares)."""
     wheels_m = np.array([(x, y) for x in config.axles_m for y in _sides(config)])
     fit = np.linalg.pinv(np.column_stack((np.ones(len(wheels_m)), wheels_m)))
     rims_m = _rims_m(config, wheels_m)
     xy_m, heading = curve.position_m(arc_m), curve.tangent(arc_m)
-    places = _Stance(arc_m, xy_m, heading, np.zeros((len(arc_m), 3)))
+    places = _Attitudes(arc_m, xy_m, heading, np.zeros((len(arc_m), 3)))
     for _ in range(ATTITUDE_STEPS):
         points_m = places.points_m(rims_m)
         surface_m, _ = _heights_m(points_m, heights)
         sunk_m = (surface_m - points_m[..., 2]).reshape(len(arc_m), len(wheels_m), -1).max(axis=2)
-        places = _Stance(arc_m, xy_m, heading, places.plane + sunk_m @ fit.T)
+        places = _Attitudes(arc_m, xy_m, heading, places.plane + sunk_m @ fit.T)
     smooth = _smooth(places.plane, config.suspension_m / float(arc_m[1]))
-    return _Stance(arc_m, xy_m, heading, smooth)
+    return _Attitudes(arc_m, xy_m, heading, smooth)
 
 
 def _rims_m(config: RoverConfig, wheels_m: FloatArray) -> FloatArray:
@@ -212,19 +212,21 @@ def _smooth(plane: FloatArray, sigma_steps: float) -> FloatArray:
     if sigma_steps < 1e-3:
         return plane
     margin = min(int(4 * sigma_steps) + 1, len(plane) - 1)
-    # Mirrored through its ends, a steady slope stays as it is up to the ends.
+    # Mirrored at its end points, a steady slope is not changed by the filter, even at its ends.
     padded = np.pad(plane, ((margin, margin), (0, 0)), mode="reflect", reflect_type="odd")
     smooth = scipy.ndimage.gaussian_filter1d(padded, sigma_steps, axis=0)
     return np.asarray(smooth[margin:-margin])
 
 
-def _first_obstacle(config: RoverConfig, places: _Stance, heights: HeightLookup) -> Obstacle | None:
+def _first_obstacle(
+    config: RoverConfig, places: _Attitudes, heights: HeightLookup
+) -> Obstacle | None:
     """Return what first blocks the way: an object, the ground under the belly, or a slope."""
     found = (_steepest(config, places), _tallest(config, places, heights))
     return min((o for o in found if o is not None), key=lambda o: o.distance_m, default=None)
 
 
-def _steepest(config: RoverConfig, places: _Stance) -> Obstacle | None:
+def _steepest(config: RoverConfig, places: _Attitudes) -> Obstacle | None:
     tilts_deg = np.degrees(_tilts_rad(places))
     is_steep = tilts_deg > config.max_tilt_deg
     if not is_steep.any():
@@ -235,10 +237,10 @@ def _steepest(config: RoverConfig, places: _Stance) -> Obstacle | None:
     return Obstacle((x, y), float(places.arc_m[i]), reason)
 
 
-def _tallest(config: RoverConfig, places: _Stance, heights: HeightLookup) -> Obstacle | None:
+def _tallest(config: RoverConfig, places: _Attitudes, heights: HeightLookup) -> Obstacle | None:
     every = max(1, round(FOOTPRINT_STEP_M / float(places.arc_m[1])))
     arc_m = places.arc_m[::every]
-    chosen = _Stance(arc_m, places.xy_m[::every], places.heading[::every], places.plane[::every])
+    chosen = _Attitudes(arc_m, places.xy_m[::every], places.heading[::every], places.plane[::every])
     points_m = chosen.points_m(_footprint_m(config))
     surface_m, ground_m = _heights_m(points_m, heights)
     above_m = np.maximum(surface_m - ground_m, surface_m - points_m[..., 2])
@@ -268,7 +270,7 @@ def _space(low_m: float, high_m: float) -> FloatArray:
 
 
 def _drive_along(
-    config: RoverConfig, curve: WaypointCurve, places: _Stance, bends: FloatArray
+    config: RoverConfig, curve: WaypointCurve, places: _Attitudes, bends: FloatArray
 ) -> Trajectory:
     """Return the drive along the places, as fast as slopes and curves allow."""
     from scipy.spatial.transform import Rotation
@@ -287,13 +289,13 @@ def _drive_along(
     times_s, driven_m = distances_over_time(way_m, limits_m_s, config.acceleration_m_s2, {})
     at_m = np.clip(scipy.interpolate.CubicSpline(way_m, arc_m)(driven_m), 0.0, arc_m[-1])
     plane = scipy.interpolate.CubicSpline(arc_m, places.plane)(at_m)
-    there = _Stance(at_m, curve.position_m(at_m), curve.tangent(at_m), plane)
+    there = _Attitudes(at_m, curve.position_m(at_m), curve.tangent(at_m), plane)
     positions_m = np.column_stack((there.xy_m, plane[:, 0]))
     quats_xyzw = Rotation.from_matrix(there.axes()).as_quat()
     return Trajectory(times_s, positions_m, quats_xyzw)
 
 
-def _tilts_rad(places: _Stance) -> FloatArray:
+def _tilts_rad(places: _Attitudes) -> FloatArray:
     """Return (N,) angles between the rover's z axis and the vertical."""
     return np.asarray(np.arctan(np.hypot(places.plane[:, 1], places.plane[:, 2])))
 

@@ -93,7 +93,7 @@ class NerfstudioFormat(DatasetFormat):
 
 
 def _transforms(records: list[FrameRecord]) -> dict[str, Any]:
-    """Return the content of ``transforms.json``; intrinsics stand at the frames if they differ."""
+    """Return ``transforms.json``; each frame has its own intrinsics if they differ."""
     cameras = [_camera(record.camera) for record in records]
     is_one = all(camera == cameras[0] for camera in cameras)
     frames = [

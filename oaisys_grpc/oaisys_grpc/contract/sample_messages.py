@@ -80,12 +80,12 @@ class SampleMessages:
 
     @property
     def batch_id(self) -> int:
-        """Of the sample, once its header has come; else 0."""
+        """Id of the batch; 0 until the sample's header has come."""
         return 0 if self.header is None else self.header.batch_id
 
     @property
     def sample_id(self) -> int:
-        """Of the sample, once its header has come; else 0."""
+        """Id of the sample; 0 until its header has come."""
         return 0 if self.header is None else self.header.sample_id
 
     @property

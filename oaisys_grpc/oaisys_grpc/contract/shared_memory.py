@@ -214,8 +214,8 @@ class Reader:
 def open_location(location: MemoryLocation) -> int:
     """Return a descriptor of another process's segment; the caller closes it.
 
-    It is opened only after it was checked to be a segment: opening something else, such as a pipe,
-    could disturb its owner. An empty token is not compared.
+    Before it is opened, it is checked to be a segment, because opening anything else, such as a
+    pipe, could disturb its owner. An empty token is not compared.
 
     Raises:
         SharedMemoryError: The location holds no such segment.

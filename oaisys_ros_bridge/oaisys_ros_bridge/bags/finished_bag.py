@@ -179,7 +179,7 @@ def open_finished(path: Path) -> Iterator[tuple[FinishedBag, Summary]]:
     """Open a finished MCAP file; yield a reader and the file's summary.
 
     Raises:
-        InvalidInputError: It is none, or what the block reads of it is damaged.
+        InvalidInputError: The file is no finished bag, or what the block reads from it is damaged.
     """
     try:
         with path.open("rb") as stream:

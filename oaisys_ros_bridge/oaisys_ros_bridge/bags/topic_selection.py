@@ -56,7 +56,7 @@ class TopicSelection:
         if name in self.requested or not self.everything:
             return name in self.requested
         if type_name == RECEIPT_TYPE:
-            return False  # a bridge would take the receipts of a played bag for a running node's
+            return False  # when the bag is played, a bridge would wait for a node that is not there
         is_hidden = any(part.startswith("_") for part in name.split("/"))
         return not is_hidden and self.is_near(name) and not self.exclude.fullmatch(name)
 

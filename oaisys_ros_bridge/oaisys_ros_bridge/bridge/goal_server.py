@@ -1,7 +1,7 @@
 """An action that runs one goal at a time and can cancel it in the middle of a render.
 
-`rclpy.action` lacks both: its servers run goals side by side, and a goal can only ask from time to
-time whether it shall end, which a call to the simulator that takes minutes cannot.
+`rclpy.action` does neither. Its servers run several goals at a time. A goal learns that it is
+cancelled only where it asks; a call to the simulator takes minutes and cannot ask.
 """
 
 from __future__ import annotations

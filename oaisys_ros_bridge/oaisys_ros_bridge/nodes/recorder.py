@@ -284,7 +284,7 @@ class RecorderNode(ParameterNode, Node):
         if (read_stamp := stamp_reader(message_type)) is not None:
             self._stamp_readers[name] = read_stamp
         qos = subscription_qos(type_name, publishers)
-        # Of motion, no sample announces the messages: each of them counts.
+        # No sample announces messages of motion, so their sequence numbers are checked for gaps.
         is_motion = type_name in MOTION_TYPES
         self._subscribed[name] = self.create_subscription(
             message_type,

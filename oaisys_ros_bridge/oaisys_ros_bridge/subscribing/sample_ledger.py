@@ -247,7 +247,7 @@ class SampleLedger:
             self._incomplete -= 1
             self._lost.subtract([self._info_topic, *self._unseen.pop(sequence)])
             return
-        if sequence <= self._sequence:  # another bridge
+        if sequence <= self._sequence:  # the numbers begin again with another bridge
             self._unseen.clear()
             self._sequence = 0
         if self._sequence or self._from_first:

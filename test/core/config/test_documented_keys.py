@@ -103,7 +103,7 @@ def accepts(kind: Any, data: Any) -> bool:
 
 
 def test_metadata_are_accepted() -> None:
-    """JSON that names a module, in the world of the page's own blocks."""
+    """The page's JSON metadata are accepted in a world of the page's own configuration."""
     text = (REPOSITORY / "docs/worlds.md").read_text(encoding="utf-8")
     (block,) = BLOCK.findall(text)
     simulation = Simulation(

@@ -320,7 +320,7 @@ def test_a_folder_with_links_out_of_the_roots_is_refused(confined: SimulatorClie
 
 
 def test_every_path_of_the_configuration_is_one_that_is_confined() -> None:
-    """A plain `Path` in a section would be read wherever it points: only folders to write are."""
+    """Only folders to write to may be a plain `Path`, which would be read wherever it points."""
     unchecked = set()
     for section in _sections(Section):
         for name, described in section.model_fields.items():

@@ -83,7 +83,7 @@ def test_a_late_reader_gets_the_last_transform_and_no_count_is_changed(
 
 @pytest.mark.long
 def test_the_last_transform_comes_ten_times_a_second(stage: Stage) -> None:
-    """Over the seconds of the stamps, which are those at which it was sent; load only slows it."""
+    """The rate is taken from the stamps, the times of sending: a busy machine only lowers it."""
     user = stage.user
     user.listen(TFMessage, "/tf", TF_QOS)
     stage.start_bridge(stage.start_world(FLAT_WORLD).address)

@@ -153,7 +153,7 @@ class ApproachConfig(Section):
     """A straight approach to the target.
 
     Attributes:
-        distance_m: Distance at the end.
+        distance_m: Distance from the target at the end.
         steps: Number of steps.
     """
 

@@ -150,7 +150,7 @@ def _load_scene(path: Path, field: str) -> Any:
 
 
 def _as_float32(mesh: LoadedMesh) -> LoadedMesh:
-    """Return a mesh whose vertices are float32 if that is precise enough where they are."""
+    """Return a mesh with float32 vertices, unless they are so far out that this loses precision."""
     if local_origin(mesh.vertices_m).any():
         return mesh
     return replace(mesh, vertices_m=mesh.vertices_m.astype(np.float32))

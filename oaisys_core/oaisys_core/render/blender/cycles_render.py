@@ -70,8 +70,8 @@ def _render_directly(
 
     def on_update(update: Callable[[], None], depsgraph: Any) -> None:
         if not _write(settings, depsgraph.scene_eval.cycles) and _only_camera_moved(depsgraph):
-            # Clears the marks of change, for which Cycles would visit every object and instance;
-            # it updates the camera in any case.
+            # Where the scene is marked as changed, Cycles visits every object and instance. This
+            # clears the marks. Cycles updates the camera in any case.
             depsgraph.update()
         with noted_errors(bpy.app.version) as errors:
             update()

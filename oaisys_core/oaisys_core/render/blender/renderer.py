@@ -45,10 +45,10 @@ from oaisys_core.types import (
 )
 
 NOISY_SAMPLES = 2, 4
-"""From how many to how many samples per pixel `GroundAlbedo` is worth its time.
+"""Least and most samples per pixel at which `GroundAlbedo` improves the picture.
 
-Fewer leave so much noise in light that it gains little; more have less noise in their own albedo
-than it has errors.
+With fewer samples, the noise of the light hides the gain. With more, the albedo that Cycles renders
+has less noise than `GroundAlbedo` has errors.
 """
 
 

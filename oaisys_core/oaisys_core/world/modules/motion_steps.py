@@ -6,7 +6,7 @@ import numpy as np
 
 from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.trajectory.motion.base import STREAM, Motion, MotionStep
+from oaisys_core.trajectory.sample_poses.base import STREAM, Motion, MotionStep
 from oaisys_core.types import FloatArray
 from oaisys_core.world.module import World, require
 

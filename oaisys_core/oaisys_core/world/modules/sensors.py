@@ -19,7 +19,7 @@ from oaisys_core.raycast.clearance import HeightLookup, admit_pose
 from oaisys_core.scene import PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.faults import PoseDrift
 from oaisys_core.trajectory.imu import imu_info
-from oaisys_core.trajectory.motion import Motion, make_motion
+from oaisys_core.trajectory.sample_poses import Motion, make_motion
 from oaisys_core.types import FrameName, Odometry, Pose, SensorInfo
 from oaisys_core.world.module import Metadata, Module, World, differing, override, require
 from oaisys_core.world.modules.cameras import (

@@ -122,10 +122,10 @@ def _each(requests: Iterator[bytes], read: Callable[[bytes], Any], call: OpenCal
 
 
 def _message(data: bytes, read: Callable[[bytes], Any]) -> Any:
-    """Return the message that some bytes are.
+    """Return the message that is encoded in some bytes.
 
     Raises:
-        InvalidInputError: They are none, or one with too much in it.
+        InvalidInputError: They are not a message of this type, or one that is too large.
     """
     check_bounds(data, getattr(read, "__self__").DESCRIPTOR)  # noqa: B009 - a message's FromString
     try:
@@ -186,7 +186,7 @@ def _walk(data: bytes, descriptor: Any) -> None:
 
 
 def _behind(data: bytes, at: int, key: int) -> int:
-    """Return where a field ends that is no message of ours and whose key ends at ``at``."""
+    """Return the end of a field that is no message; its value begins at ``at``."""
     kind = key & 7
     if not 8 <= key < _LONGEST_KEY:  # no field at all
         raise decoding_error(data)

@@ -197,7 +197,7 @@ def test_cells_fade_towards_their_borders() -> None:
     density = make_density(maps, inclined(0.0), np.random.default_rng(3))
     line = np.column_stack((np.linspace(-19, 19, 20_001), np.zeros(20_001)))
     values = density(line)
-    # Walking 1.9 mm, the distance to a border changes by no more.
+    # Over a step of 1.9 mm, the distance to a border changes by at most 1.9 mm.
     assert np.abs(np.diff(values)).max() <= 38 / 20_000 + 1e-9
     assert {0.0, 1.0} <= {float(values.min()), round(float(values.max()), 6)}
 

@@ -311,7 +311,7 @@ def _bunch(
 
 
 def _level(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return (count, 3) random level vectors, normal along both axes."""
+    """Return (count, 3) random horizontal vectors, whose x and y are normally distributed."""
     vectors = rng.normal(size=(count, 3))
     vectors[:, 2] = 0.0
     return vectors

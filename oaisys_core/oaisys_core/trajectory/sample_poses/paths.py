@@ -13,7 +13,7 @@ from oaisys_core import geometry
 from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.output.poses import read_poses
-from oaisys_core.trajectory.motion.base import (
+from oaisys_core.trajectory.sample_poses.base import (
     Motion,
     MotionStep,
     at_height,

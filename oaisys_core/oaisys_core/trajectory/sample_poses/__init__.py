@@ -1,4 +1,4 @@
-"""Motions of the rig: pure functions of the batch's seed and the sample's id."""
+"""Motions without time: the rig's pose from a batch's seed and a sample's id."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from oaisys_core.config.sections.motion import (
     LookAtMotion,
     RandomMotion,
 )
-from oaisys_core.trajectory.motion.base import Motion
-from oaisys_core.trajectory.motion.paths import Csv, Grid, Spline
-from oaisys_core.trajectory.motion.random_poses import AroundTarget, Hover, LookAt, Random
+from oaisys_core.trajectory.sample_poses.base import Motion
+from oaisys_core.trajectory.sample_poses.paths import Csv, Grid, Spline
+from oaisys_core.trajectory.sample_poses.random_poses import AroundTarget, Hover, LookAt, Random
 from oaisys_core.types import SensorInfo
 
 __all__ = ["Motion", "make_motion"]

@@ -13,7 +13,7 @@ from oaisys_core.config.sections.motion import (
     RandomMotion,
     TargetConfig,
 )
-from oaisys_core.trajectory.motion.base import (
+from oaisys_core.trajectory.sample_poses.base import (
     Motion,
     MotionStep,
     at_height,
