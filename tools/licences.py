@@ -59,7 +59,7 @@ UNSAID = {
 """Licences of packages whose metadata name none, or do not say it in a word, from their files."""
 
 
-def pinned_packages() -> dict[str, str]:
+def packages_with_pins() -> dict[str, str]:
     """Return the names of all pinned packages as they are written, by normalised name."""
     files = sorted((REPOSITORY / "requirements").glob("*.txt"))
     names = [
@@ -67,7 +67,7 @@ def pinned_packages() -> dict[str, str]:
         for file in files
         for name in re.findall(r"^([\w.-]+)==", file.read_text(encoding="utf-8"), re.MULTILINE)
     ]
-    return {normalised(name): name for name in names}
+    return {normalise(name): name for name in names}
 
 
 def direct_dependencies() -> dict[str, list[str]]:
@@ -85,10 +85,10 @@ def direct_dependencies() -> dict[str, list[str]]:
                 name = re.match(r"[\w.-]+", line.strip())
                 if name and not name[0].startswith("oaisys_") and user not in users[name[0]]:
                     users[name[0]].append(user)
-    return {normalised(name): users[name] for name in users}
+    return {normalise(name): users[name] for name in users}
 
 
-def normalised(name: str) -> str:
+def normalise(name: str) -> str:
     """Return a package's name as indexes compare it."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
@@ -96,7 +96,7 @@ def normalised(name: str) -> str:
 def licence_of(distribution: Distribution) -> str | None:
     """Return the licence of an installed package in a word, or None."""
     metadata = distribution.metadata
-    name = normalised(metadata["Name"])
+    name = normalise(metadata["Name"])
     if name in UNSAID:
         return UNSAID[name]
     classifiers = [
@@ -133,22 +133,22 @@ def _licence_in_package_xml(distribution: Distribution, name: str) -> str:
     return ", ".join(SPDX.get(word, word) for word in words)
 
 
-def installed_licences(folders: Iterable[str]) -> dict[str, str]:
+def licences_in(folders: Iterable[str]) -> dict[str, str]:
     """Return the licences of pinned packages in some ``site-packages``, by normalised name."""
-    pinned = pinned_packages()
+    pinned = packages_with_pins()
     found: dict[str, str] = {}
     for distribution in distributions(path=list(folders)):
-        name = normalised(distribution.metadata["Name"] or "")
+        name = normalise(distribution.metadata["Name"] or "")
         if name in pinned and (licence := licence_of(distribution)):
             found.setdefault(name, licence)
     return found
 
 
-def listed_licences(page: str) -> dict[str, str]:
+def licences_on_page(page: str) -> dict[str, str]:
     """Return the licences that the page lists, by normalised name."""
     tables = page.partition(BEGIN)[2].partition(END)[0]
     rows = re.findall(r"^\| ([^|]+) \| ([\w.-]+(?:, [\w.-]+)*) \|$", tables, re.MULTILINE)
-    return {normalised(name): licence for licence, names in rows for name in names.split(", ")}
+    return {normalise(name): licence for licence, names in rows for name in names.split(", ")}
 
 
 def tables_of(licences: Mapping[str, str]) -> str:
@@ -157,7 +157,7 @@ def tables_of(licences: Mapping[str, str]) -> str:
     Raises:
         SystemExit: The licence of a pinned package is unknown.
     """
-    pinned, direct = pinned_packages(), direct_dependencies()
+    pinned, direct = packages_with_pins(), direct_dependencies()
     unknown = sorted(set(pinned) - set(licences))
     if unknown:
         raise SystemExit(f"no licence is known of {', '.join(unknown)}: install them, or say it")
@@ -177,10 +177,10 @@ def tables_of(licences: Mapping[str, str]) -> str:
 def main(folders: list[str]) -> None:
     """Write the tables."""
     page = PAGE.read_text(encoding="utf-8")
-    found = installed_licences([sysconfig.get_path("purelib"), *folders])
+    found = licences_in([sysconfig.get_path("purelib"), *folders])
     before, _, rest = page.partition(BEGIN)
     after = rest.partition(END)[2]
-    tables = tables_of({**listed_licences(page), **found})
+    tables = tables_of({**licences_on_page(page), **found})
     PAGE.write_text(f"{before}{BEGIN}\n{tables}\n{END}{after}", encoding="utf-8")
 
 

@@ -53,7 +53,7 @@ class Record:
         if isinstance(data, dict):
             data.pop(SHA256, None)
         if not isinstance(data, dict) or set(data) != known:
-            received = sorted(data) if isinstance(data, dict) else _shortened(text)
+            received = sorted(data) if isinstance(data, dict) else _shorten(text)
             raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
         return check_as(cls, data, name)
 
@@ -159,9 +159,9 @@ def _parse(text: str | bytes, name: str) -> Any:
     try:
         return parse_json(text)
     except ValueError as error:
-        raise InvalidInputError(name, _shortened(text), f"JSON ({error})") from error
+        raise InvalidInputError(name, _shorten(text), f"JSON ({error})") from error
 
 
-def _shortened(text: str | bytes) -> str:
+def _shorten(text: str | bytes) -> str:
     shown = text[:SHOWN_CHARACTERS]
     return shown if isinstance(shown, str) else shown.decode("utf-8", "replace")

@@ -38,14 +38,14 @@ _SYMBOL = np.dtype([("name", "<u4"), ("kind", "V4"), ("value", "<u8"), ("size", 
 def symbol_address(name: bytes) -> int | None:
     """Return where a symbol of Blender's library lies in this process; None: there is none."""
     try:
-        library = _loaded_library()
+        library = _find_library()
         value = None if library is None else _symbol_value(library[1], name)
     except OSError:  # a system without /proc
         return None
     return None if library is None or value is None else library[0] + value
 
 
-def _loaded_library() -> tuple[int, Path] | None:
+def _find_library() -> tuple[int, Path] | None:
     """Return the address at which Blender's library is loaded, and its file."""
     for mapping in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
         addresses, *_, path = mapping.split(maxsplit=5)

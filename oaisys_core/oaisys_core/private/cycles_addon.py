@@ -44,7 +44,7 @@ def session_of(engine: Any) -> int:
 
 
 @contextmanager
-def wrapped_methods(engine: type[Any], on_update: OnUpdate, on_render: OnRender) -> Iterator[None]:
+def wrap_methods(engine: type[Any], on_update: OnUpdate, on_render: OnRender) -> Iterator[None]:
     """Have an engine's renders within the block call these instead of its own methods."""
     update, render = getattr(engine, UPDATE), getattr(engine, RENDER)
 

@@ -73,7 +73,7 @@ class _Channel(Protocol):
 
 
 @contextmanager
-def noted_errors(version: tuple[int, ...]) -> Iterator[list[str]]:
+def collect_errors(version: tuple[int, ...]) -> Iterator[list[str]]:
     """Yield a list to which the errors are added that Cycles logs during the block.
 
     Args:

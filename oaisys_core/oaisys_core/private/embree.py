@@ -110,7 +110,7 @@ class Embree:
         self._share(geometry, INDEX, UINT3, indices, len(indices))
         return self._scene([geometry], [corners, indices])
 
-    def kept_mesh(
+    def keep_mesh(
         self, owner: object, vertices_m: FloatArray, triangles: NDArray[np.int32]
     ) -> EmbreeScene:
         """Return `mesh` of the same arrays, made once and kept as long as ``owner``."""

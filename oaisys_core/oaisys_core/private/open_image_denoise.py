@@ -86,7 +86,7 @@ class OpenImageDenoise:
         self._size = (0, 0)
         self._filters: dict[tuple[Any, ...], _Filter] = {}
 
-    def filtered(self, images: Mapping[bytes, Image], quality: int, **flags: bool) -> Image:
+    def filter(self, images: Mapping[bytes, Image], quality: int, **flags: bool) -> Image:
         """Return an (H, W, 3) image that is denoised.
 
         Args:

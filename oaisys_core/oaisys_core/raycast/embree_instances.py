@@ -26,7 +26,7 @@ class EmbreeInstanceTarget(InstanceTarget):
         T_local_object = self.T_map_object.copy()
         T_local_object[:, :3, 3] -= self._origin_m
         scenes = [
-            embree.kept_mesh(mesh, mesh.vertices_m, mesh.prototype.triangles)
+            embree.keep_mesh(mesh, mesh.vertices_m, mesh.prototype.triangles)
             for mesh in self.meshes
         ]
         self._scene = embree.instances(scenes, np.split(T_local_object, ends[:-1]))

@@ -81,7 +81,7 @@ class WebViewer:
             OaisysError: The page would be without its guard.
         """
         self._guard = PageGuard(host)
-        self._server = self._guarded_server(host, port)
+        self._server = self._start_server(host, port)
         self._max_range_m = max_range_m
         self.labels: Mapping[int, str] = {}
         self._cameras: deque[Any] = deque()
@@ -103,7 +103,7 @@ class WebViewer:
         for box in self._checkboxes.values():
             box.on_update(self._update_visibility)
 
-    def _guarded_server(self, host: str, port: int) -> viser.ViserServer:
+    def _start_server(self, host: str, port: int) -> viser.ViserServer:
         server = None
         with redirect_stdout(StringIO()):
             try:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from oaisys_core.errors import RenderError
 from oaisys_core.output.exr import read_channels
 from oaisys_core.private.c_output import without_c_output
-from oaisys_core.private.cycles_addon import engine_of, session_of, wrapped_methods
-from oaisys_core.private.cycles_log import noted_errors
+from oaisys_core.private.cycles_addon import engine_of, session_of, wrap_methods
+from oaisys_core.private.cycles_log import collect_errors
 from oaisys_core.private.cycles_session import end_sampling
 from oaisys_core.render.blender.compat import IS_BLENDER_5
 from oaisys_core.render.blender.postprocessing import RenderResult
@@ -73,7 +73,7 @@ def _render_directly(
             # Where the scene is marked as changed, Cycles visits every object and instance. This
             # clears the marks. Cycles updates the camera in any case.
             depsgraph.update()
-        with noted_errors(bpy.app.version) as errors:
+        with collect_errors(bpy.app.version) as errors:
             update()
         rendered.errors += errors
 
@@ -83,14 +83,14 @@ def _render_directly(
             if rendered.sampling_began_s:
                 end_sampling(session_of(running), bpy.app.version)
 
-        with noted_errors(bpy.app.version) as errors, stop_when_unwanted(stop):
+        with collect_errors(bpy.app.version) as errors, stop_when_unwanted(stop):
             render()
         rendered.errors += errors
         result = running.get_result()
         if result is not None:
             rendered.passes = _passes_of(result)
 
-    with wrapped_methods(engine, on_update, on_render):
+    with wrap_methods(engine, on_update, on_render):
         bpy.ops.render.render()
 
 
@@ -106,7 +106,7 @@ def _render_to_file(rendered: RenderResult) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "passes.exr")
         scene.render.filepath = str(file)
-        with noted_errors(bpy.app.version) as errors:
+        with collect_errors(bpy.app.version) as errors:
             bpy.ops.render.render(write_still=True)
         rendered.errors += errors
         rendered.passes = _passes_of_channels(read_channels(file))

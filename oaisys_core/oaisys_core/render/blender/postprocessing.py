@@ -268,15 +268,15 @@ class Denoiser:
         images = {b"color": light, b"albedo": np.ones_like(light), b"normal": normal}
         quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
         # Without cleanAux, it would blur edges and relief as if the normals were noisy.
-        return self._library.filtered(images, quality, hdr=True, cleanAux=True)
+        return self._library.filter(images, quality, hdr=True, cleanAux=True)
 
     def denoise_albedo(self, albedo: Image) -> Image:
         """Return (H, W, 3) denoised albedo; for errors see `denoise`."""
-        return self._library.filtered({b"albedo": albedo}, QUALITY_BALANCED)
+        return self._library.filter({b"albedo": albedo}, QUALITY_BALANCED)
 
     def denoise_normal(self, normal: Image) -> Image:
         """Return (H, W, 3) denoised normals; for errors see `denoise`."""
-        return self._library.filtered({b"normal": normal}, QUALITY_FAST)
+        return self._library.filter({b"normal": normal}, QUALITY_FAST)
 
 
 @cache

@@ -75,7 +75,7 @@ class OpenCall:
         """Return whether it was in its phase at all looks of `CROWDED_PATIENCE_S`."""
         return self.since_s == self._looked_since_s and self._looks > CROWDED_PATIENCE_S / _LOOK_S
 
-    def stuck_s(self) -> float:
+    def phase_s(self) -> float:
         """Return how long it has been in its phase."""
         return time.monotonic() - self.since_s
 
@@ -158,7 +158,7 @@ class OpenCalls:
             if time.monotonic() > self._last_s + _IDLE_S:
                 self._memory.give_back()
             for call in self._all():
-                stuck_s = call.stuck_s()
+                stuck_s = call.phase_s()
                 if call.phase is Phase.REQUEST and stuck_s > REQUEST_PATIENCE_S:
                     call.end(f"the request did not arrive within {REQUEST_PATIENCE_S:g} s")
                 if call.phase is Phase.READER and stuck_s > STALL_PATIENCE_S:

@@ -118,7 +118,7 @@ class Slots:
         """End one of the rivals, if that may be, or wait a moment."""
         unread = [other for other in rivals if other.phase is Phase.READER]
         first = self._earlier(call) == 0
-        stuck = max(unread, key=OpenCall.stuck_s, default=None) if first else None
+        stuck = max(unread, key=OpenCall.phase_s, default=None) if first else None
         idle = self._oldest_idle(rivals) if first else None
         if stuck is not None and stuck.lags():
             self._end(stuck, "the answer was not read, and others need the room")
