@@ -199,4 +199,4 @@ class Cycles:
 
 def albedo_of(rendered: RenderResult) -> NDArray[np.uint8]:
     """Return the (H, W, 3) sRGB-encoded albedo of a render that kept it."""
-    return encoded(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))
+    return encode_srgb(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))

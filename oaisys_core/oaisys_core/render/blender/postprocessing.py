@@ -162,7 +162,7 @@ def _guides(
     rendered: RenderResult, denoiser: Denoiser, denoising: DenoisingQuality
 ) -> tuple[Image, Image]:
     """Return the (H, W, 3) albedo to divide radiance by, and the denoiser's (H, W, 3) normals."""
-    reflected = _convolved(_sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) / 3, 1 / 3)
+    reflected = _convolve(_sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) / 3, 1 / 3)
     is_water = pass_of(rendered, MATERIAL_INDEX)[..., 0] == BY_CHANCE
     if not (is_water.any() or (reflected > MIRROR_SHARE).any()):
         normal = pass_of(rendered, SEEN_NORMAL)
