@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.color import encode_srgb
 from oaisys_core.errors import RenderError
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR
 from oaisys_core.render.blender.cycles_render import render_scene
