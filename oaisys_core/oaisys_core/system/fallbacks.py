@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 from functools import cache
-
-_LOG = logging.getLogger(__name__)
 
 
 @cache
@@ -17,4 +14,6 @@ def report_fallback(part: str, reason: object, instead: str) -> None:
         reason: Why, such as an error.
         instead: What is done without it, and what is lost.
     """
-    _LOG.warning("%s cannot be used (%s): %s", part, reason, instead)
+    import logging  # not before it is needed: whatever imports the core imports this
+
+    logging.getLogger(__name__).warning("%s cannot be used (%s): %s", part, reason, instead)
