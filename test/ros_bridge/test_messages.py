@@ -231,7 +231,7 @@ def test_a_cloud_is_what_open3d_makes_of_the_depth_image() -> None:
 
 
 def open3d_points(depth_m: NDArray[Any], camera: PinholeIntrinsics) -> NDArray[Any]:
-    """Return what Open3D makes of a depth image, row by row, points that are none left out."""
+    """Return the points that Open3D makes of a depth image, row by row, without invalid ones."""
     pinhole = o3d.camera.PinholeCameraIntrinsic(
         camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
     )

@@ -241,7 +241,7 @@ def world(**sections: Any) -> Simulation:
 
 
 def test_a_mapping_after_null_is_not_mixed_with_the_configuration() -> None:
-    """Merged key by key, all metadata would bring the configured colour of the haze back."""
+    """If metadata were merged key by key, the haze would get its configured colour again."""
     sim, other = world(), world()
     for haze in (None, {"visibility_m": 60.0}):
         sample = sim.step_sample(ModuleMetadata(environment={"haze": haze}))

@@ -70,7 +70,7 @@ json_values: st.SearchStrategy[Any] = st.recursive(
 
 
 def typed_values(field: Any) -> st.SearchStrategy[Any]:
-    """What a module's key can be, as JSON has it, going by its typed field."""
+    """JSON values of a module's key that its typed field can hold."""
     kind = field.message_type
     if kind is not None and kind.GetOptions().map_entry:
         inner = typed_values(kind.fields_by_name["value"])

@@ -1,4 +1,4 @@
-"""Timed drives over gRPC: all that is due comes, in the order of time, as the core makes it."""
+"""Timed drives over gRPC: all due measurements come, in order of time, equal to the core's."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
                 assert not user.set_pose(LOOKING).success
     assert user.set_pose(LOOKING).success
 
-    # A pose that is none, in each number, by each way.
+    # An invalid number at each place of a pose, through each way to request one.
     poses = user.node.create_publisher(PoseStamped, "command/pose", 10)
     ways = user.node.create_publisher(MultiDOFJointTrajectory, "command/trajectory", 10)
     user.wait_until(lambda: poses.get_subscription_count() and ways.get_subscription_count())

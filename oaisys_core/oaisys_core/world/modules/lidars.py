@@ -65,7 +65,7 @@ def with_motion(
     infos: Sequence[LidarInfo],
     last_rig_poses: Mapping[str, Pose],
 ) -> tuple[PlacedLidar, ...]:
-    """Return the lidars with their motion since they last scanned, if it matters to them.
+    """Return the lidars; one that scans in motion has its motion since its last scan.
 
     Args:
         placed: The lidars that scan.

@@ -120,6 +120,6 @@ def off_edges(images: Images) -> NDArray[np.bool_]:
 
 
 def spread(image: NDArray[Any]) -> NDArray[Any]:
-    """Greatest less least value of each pixel and its eight neighbours."""
+    """Range (greatest minus least value) of each pixel and its eight neighbours."""
     square = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(image, square) - cv2.erode(image, square))

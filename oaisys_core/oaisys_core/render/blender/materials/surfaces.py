@@ -136,7 +136,7 @@ def diffuse(
 def show(tree: NodeTree, surface: Socket, airlight: Socket, height_m: Socket = None) -> None:
     """Make a surface, plus the airlight in front of it, the output of a material.
 
-    With a height, light sees the surface's normals as if it were raised by so much.
+    A height bends the surface's normals, as if it were raised; its shape stays.
     """
     air = tree.add("Emission", {"Color": airlight}).outputs[0]
     both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
