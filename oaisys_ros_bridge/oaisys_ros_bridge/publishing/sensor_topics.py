@@ -162,7 +162,7 @@ class SensorTopics:
         wanted = [p for p in self._compressing_publishers(frame.modality) if has_subscribers(p)]
         if wanted:
             compression = Compression(**_section(values, "compressed"))
-            compressed = _compress_to_msg(frame, header, compression)
+            compressed = _compress_frame(frame, header, compression)
             for publisher in wanted:
                 self._publishers.send(publisher, compressed)
 
@@ -201,7 +201,7 @@ class SensorTopics:
         return self._publishers.offer(PointCloud2, topic, SENSOR_QOS)
 
 
-def _compress_to_msg(frame: Frame, header: Header, compression: Compression) -> Any:
+def _compress_frame(frame: Frame, header: Header, compression: Compression) -> Any:
     if COMPRESSED_DEPTH in topic_variants(frame.modality):
         return depth_to_compressed_msg(frame.data, header, compression)
     return image_to_compressed_msg(frame.data, encoding_of(frame), header, compression)
