@@ -163,7 +163,7 @@ def test_nothing_is_made_that_nobody_listens_to(
     user: User, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[str] = []
-    for name in [name for name in vars(sensor_topics) if name.endswith("_to_msg")]:
+    for name in [name for name in vars(sensor_topics) if name.endswith("_msg")]:
         make = getattr(sensor_topics, name)
 
         def spy(*args: Any, name: str = name, make: Any = make) -> Any:
