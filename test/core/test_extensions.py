@@ -36,10 +36,10 @@ from pathlib import Path
 from oaisys_core.config import config_from_mapping
 from oaisys_core.output.writer import SampleWriter
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import merged
+from oaisys_core.types import merge
 
 small, world, out = sys.argv[1:]
-data = merged(yaml.safe_load(small), yaml.safe_load(Path(world).read_text()))
+data = merge(yaml.safe_load(small), yaml.safe_load(Path(world).read_text()))
 for camera in data["sensors"].get("cameras", []):
     camera.update(width_px=64, height_px=48)
 simulation = Simulation(config_from_mapping(data))
@@ -194,7 +194,7 @@ PASSES = """
 import sys, yaml
 from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import merged
+from oaisys_core.types import merge
 
 small = yaml.safe_load(sys.argv[1])
 small["sensors"]["cameras"][0]["modalities"] = ["rgb", "slope"]

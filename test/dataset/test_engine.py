@@ -182,16 +182,16 @@ from pathlib import Path
 from oaisys_core.cli.repeat import MIN_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_dataset.places import open_place
-from oaisys_dataset.plan import parsed_splits
+from oaisys_dataset.plan import parse_splits
 from oaisys_dataset.ray_session import RaySettings
 from oaisys_dataset.rendering import DatasetRendering, dataset_info
 from oaisys_dataset.workers import ViewCounts
 from oaisys_core.errors import RenderError
 config = load_config(Path({str(config)!r}))
-info = dataset_info(config, {WORLDS}, {VIEWS}, parsed_splits({SPLITS!r}))
+info = dataset_info(config, {WORLDS}, {VIEWS}, parse_splits({SPLITS!r}))
 rendering = DatasetRendering(open_place({str(tmp_path / "set")!r}), config, info)
 try:
-    with rendering.begun(is_resumed=False):
+    with rendering.begin(is_resumed=False):
         for event in rendering.run(RaySettings(workers=1, memory_gb=0.5)):
             if rendering.summary.finished == 2:
                 # As if the disk had no room for a third shard.

@@ -16,9 +16,9 @@ from oaisys_ros_bridge.namespaces import claim_domain
 
 CLAIM_AS = """
 import os, sys
-from oaisys_ros_bridge.namespaces import claimed_domain
+from oaisys_ros_bridge.namespaces import claim_domain
 os.setuid(int(sys.argv[1]))
-with claimed_domain() as number:
+with claim_domain() as number:
     print(number, flush=True)
     sys.stdin.read()
 """

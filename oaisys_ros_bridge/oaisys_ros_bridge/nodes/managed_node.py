@@ -54,7 +54,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._known = UNCONFIGURED, NAMES[UNCONFIGURED]
         self.by_itself = False
         self._failure = ""
-        self._check = self.create_guard_condition(self._settle, callback_group=group)
+        self._wake_up = self.create_guard_condition(self._settle, callback_group=group)
         refuse_wrong_transitions(self, self._report_wrong_transition, self.settle)
 
     def configure(self) -> None:
@@ -98,7 +98,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def settle(self) -> None:
         """Check, soon and on another thread, whether another state is possible or necessary."""
-        self._check.trigger()
+        self._wake_up.trigger()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Prepare to work."""

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.system.shortages import shortage
 from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
@@ -74,8 +75,9 @@ def run_node(
 ) -> int:
     """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``stop``; return 0.
 
-    Returns 1 where a callback failed (its traceback is on standard error by then), and 2, after one
-    line on standard error, where the node cannot be made of its arguments.
+    Returns 1 where a callback failed (its traceback is on standard error by then) or the process
+    may not have the memory, threads or files that the node needs, and 2 where the node cannot be
+    made of its arguments; one line on standard error says what is missing or wrong.
 
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
     still publish, and a second Ctrl-C would interrupt the first one's cleaning up. SIGABRT writes
@@ -91,10 +93,13 @@ def run_node(
             rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
             node = make_node()
             hide_shared_memory()
-    except (OaisysError, OSError, ParameterException) as error:
-        sys.stderr.write(f"{error}\n")
+    except (OaisysError, MemoryError, OSError, ParameterException, RuntimeError) as error:
         rclpy.try_shutdown()
-        return 2
+        lack = shortage(error)
+        if lack is None and isinstance(error, RuntimeError):
+            raise
+        sys.stderr.write(f"{lack or error}\n")
+        return 2 if lack is None else 1
     try:
         return _run_until(stop, node, threads)
     finally:

@@ -89,3 +89,15 @@ def test_arguments_that_ros_cannot_use_are_exit_2(
         assert "expected what ROS can use" in text
         assert "Traceback" not in text
         assert "/project/" not in text
+
+
+@pytest.mark.parametrize("executable", ["bridge", "mapper"])
+def test_too_few_files_for_a_node_are_a_sentence(executable: str, ros_domain_id: int) -> None:
+    limited = ["bash", "-c", 'ulimit -n 20; exec "$@"', "--"]
+    command = [sys.executable, "-P", "-m", f"oaisys_ros_bridge.nodes.{executable}"]
+    ended = subprocess.run(
+        [*limited, *command], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert "this process may open no more files (ulimit -n)" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert ended.returncode == 1

@@ -173,8 +173,8 @@ def test_the_first_samples_of_the_next_bridge_are_lost_to_a_reader_that_was_ther
 
 def test_what_has_come_before_its_announcement_is_known(watched):
     watched.arrive(1, DEPTH, POSE)
-    assert watched.ledger.arrived(name(1).stamp_ns) == {DEPTH, POSE}
-    assert watched.ledger.arrived(name(2).stamp_ns) == set()
+    assert watched.ledger.arrivals(name(1).stamp_ns) == {DEPTH, POSE}
+    assert watched.ledger.arrivals(name(2).stamp_ns) == set()
 
 
 def test_the_middleware_s_losses_are_told_beside_ours():

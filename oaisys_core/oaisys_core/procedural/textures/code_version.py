@@ -6,7 +6,6 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 import scipy
 
@@ -25,6 +24,8 @@ CODE = (
 @cache
 def code_version() -> str:
     """Return the version, which is another one if a set might be."""
+    import cv2
+
     digest = hashlib.sha256(repr((np.__version__, scipy.__version__, cv2.__version__)).encode())
     for path in code_files():
         digest.update(repr((path.relative_to(PACKAGE).as_posix(), path.read_bytes())).encode())
