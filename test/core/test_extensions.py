@@ -199,7 +199,7 @@ from oaisys_core.types import merge
 small = yaml.safe_load(sys.argv[1])
 small["sensors"]["cameras"][0]["modalities"] = ["rgb", "slope"]
 for render in ({"quality": "geometry"}, {"passes": ["slope"]}):
-    simulation = Simulation(config_from_mapping(merged(small, {"render": render})))
+    simulation = Simulation(config_from_mapping(merge(small, {"render": render})))
     simulation.step_batch()
     print(*(frame.modality for frame in simulation.step_sample().frames))
 """
