@@ -22,7 +22,7 @@ def quote(value: object) -> str:
 
     It takes no longer for a huge or nested value, and never fails.
 
-    >>> quoted(["a" * 100])
+    >>> quote(["a" * 100])
     "['aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa..."
     """
     text = "".join(islice(_characters(value, 0), LONGEST_QUOTE + 1))
