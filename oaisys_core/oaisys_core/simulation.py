@@ -10,9 +10,7 @@ from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.output.records import motion_to_record
 from oaisys_core.render.built_world import BuiltWorld
-from oaisys_core.render.view_renderer import (
-    SampleSteps,
-)
+from oaisys_core.render.view_renderer import SampleSteps
 from oaisys_core.scene.rig_motion import RigMotion
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
@@ -24,12 +22,7 @@ from oaisys_core.types import (
     SampleOutline,
     ignore_progress,
 )
-from oaisys_core.world.batch import (
-    Batch,
-    metadata_text,
-    previous_poses_text,
-    state_of,
-)
+from oaisys_core.world.batch import Batch, metadata_text, previous_poses_text, state_of
 from oaisys_core.world.module import require
 from oaisys_core.world.modules.sensors import DueSensors
 from oaisys_core.world.reuse import batch_seeds, stage_record

@@ -6,6 +6,8 @@ import ctypes
 import os
 from pathlib import Path
 
+from oaisys_core.system.freed_memory import return_freed_memory
+
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 """Of glibc's ``mallopt``, from ``malloc.h``."""
 
@@ -43,13 +45,12 @@ class IdleMemory:
 
     def __init__(self) -> None:
         self._least_bytes = resident_bytes(os.getpid())
-        self._trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
 
     def give_back(self) -> None:
         """Return freed memory if this process has grown since the last time."""
         held = resident_bytes(os.getpid())
-        if self._trim is not None and held > self._least_bytes + GROWN_BYTES:
-            self._trim(0)
+        if held > self._least_bytes + GROWN_BYTES:
+            return_freed_memory()
             self._least_bytes = resident_bytes(os.getpid())
         self._least_bytes = min(self._least_bytes, held)
 

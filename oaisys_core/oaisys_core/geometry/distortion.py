@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from oaisys_core.types import FloatArray
 
 INVERSE_TOLERANCE = 1e-12
+"""Largest error, at z = 1, of the inverse of the distortion."""
 
 INVERSE_STEPS = 8
 

@@ -21,7 +21,7 @@ more.
 """
 
 ROTATION_TOLERANCE = 1e-6
-"""Largest error, at z = 1, of the inverse of the distortion."""
+"""Largest error of an entry of a rotation matrix times its transpose, see `is_rigid`."""
 
 IDENTITY_QUAT_XYZW = (0.0, 0.0, 0.0, 1.0)
 

@@ -51,7 +51,9 @@ def _c_streams() -> tuple[ctypes.c_void_p, ctypes.c_void_p, int] | None:
         output = ctypes.c_void_p.in_dll(library, OUTPUT)
         errors = ctypes.c_void_p.in_dll(library, ERRORS)
     except ValueError as error:
-        report_fallback("The C library's stream of output", error, "Blender prints what it does")
+        report_fallback(
+            "The C library's stream of output", str(error), "Blender prints what it does"
+        )
         return None
     library.fopen.restype = ctypes.c_void_p
     nowhere = library.fopen(os.devnull.encode(), b"w")

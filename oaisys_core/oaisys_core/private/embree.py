@@ -233,7 +233,7 @@ def blenders_embree() -> Embree | None:
     except (OSError, AttributeError, RenderError) as error:
         if "bpy" in sys.modules:
             instead = "Open3D casts all rays, which takes longer where there are many objects"
-            report_fallback("Blender's Embree", error, instead)
+            report_fallback("Blender's Embree", str(error), instead)
         return None
 
 

@@ -173,5 +173,5 @@ def blenders_open_image_denoise() -> OpenImageDenoise | None:
         return OpenImageDenoise(CDLL(LIBRARY))
     except (OSError, AttributeError, RenderError) as error:
         instead = "Cycles denoises, which keeps less detail and holds no time budgets"
-        report_fallback("Blender's Open Image Denoise", error, instead)
+        report_fallback("Blender's Open Image Denoise", str(error), instead)
         return None

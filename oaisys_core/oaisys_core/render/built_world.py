@@ -17,11 +17,7 @@ from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.procedural.environment.low_sun import LowSunWarning
 from oaisys_core.render import make_backend
 from oaisys_core.render.base import Backend
-from oaisys_core.render.view_renderer import (
-    FramesPlacement,
-    ViewRenderer,
-    leave_frames,
-)
+from oaisys_core.render.view_renderer import FramesPlacement, ViewRenderer, leave_frames
 from oaisys_core.scene import Scene
 from oaisys_core.system.freed_memory import return_freed_memory
 from oaisys_core.types import (
@@ -36,11 +32,7 @@ from oaisys_core.types import (
     TriangleMesh,
     ignore_progress,
 )
-from oaisys_core.world.batch import (
-    Batch,
-    BatchSeeds,
-    Snapshot,
-)
+from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
 from oaisys_core.world.height_grids import Extent, height_grid
 from oaisys_core.world.module import World, require
 from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet

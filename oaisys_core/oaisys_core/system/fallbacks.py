@@ -6,12 +6,12 @@ from functools import cache
 
 
 @cache
-def report_fallback(part: str, reason: object, instead: str) -> None:
+def report_fallback(part: str, reason: str, instead: str) -> None:
     """Write a warning to the log, the first time that it is called with these words.
 
     Args:
         part: What cannot be used.
-        reason: Why, such as an error.
+        reason: Why, such as the text of an error.
         instead: What is done without it, and what is lost.
     """
     import logging  # not before it is needed: whatever imports the core imports this

@@ -6,10 +6,9 @@ import ctypes
 
 
 def return_freed_memory() -> None:
-    """Return memory to the system that the old world or its making has freed.
+    """Return freed memory to the system, which glibc keeps otherwise.
 
-    glibc keeps it otherwise, some 0.4 GB after the demo's second batch. With another C library
-    nothing is done.
+    After the demo's second batch, that is some 0.4 GB. With another C library nothing is done.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:

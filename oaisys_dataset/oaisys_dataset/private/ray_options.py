@@ -28,7 +28,9 @@ def start_in(ray: Any, folder: Path, memory_bytes: int, **options: Any) -> None:
     except RuntimeError as error:
         if UNKNOWN not in str(error):
             raise
-        report_fallback("Ray's folder and memory", error, "Ray counts itself how many workers fit")
+        report_fallback(
+            "Ray's folder and memory", str(error), "Ray counts itself how many workers fit"
+        )
         _start_by_variable(ray, folder, options)
 
 

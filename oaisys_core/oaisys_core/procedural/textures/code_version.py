@@ -35,8 +35,8 @@ def code_version() -> str:
 def code_files() -> list[Path]:
     """Return the files in `CODE`, and those in its folders."""
     named = [PACKAGE / name for name in CODE]
-    return [file for path in named for file in ([path] if path.is_file() else _below(path))]
-
-
-def _below(folder: Path) -> list[Path]:
-    return sorted(folder.rglob("*.py"))
+    return [
+        file
+        for path in named
+        for file in ([path] if path.is_file() else sorted(path.rglob("*.py")))
+    ]
