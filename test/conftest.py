@@ -16,6 +16,9 @@ from leak_check import MARK, LeakCheck
 import oaisys_core  # noqa: F401
 from oaisys_core.system import fallbacks
 
+LONGEST_ID = 60
+"""Characters of a parameter that a test's name shows."""
+
 # A shell's background job ignores SIGINT, and so would the programs that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -41,6 +44,13 @@ def pytest_configure(config: pytest.Config) -> None:
             pytest.exit("terminated")
 
     signal.signal(signal.SIGTERM, end)
+
+
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Name a long text by its beginning and length: names are sent, kept and printed many times."""
+    if isinstance(val, str | bytes) and len(val) > LONGEST_ID:
+        return f"{val[:LONGEST_ID]!a} of {len(val)}"
+    return None
 
 
 @pytest.fixture
