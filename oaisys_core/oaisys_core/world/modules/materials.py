@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from oaisys_core.procedural.terrain.masks.patches import (
     layer_masks,
 )
 from oaisys_core.procedural.terrain.masks.relief import Relief, exposure, has_steep_parts, relief_of
+from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
 from oaisys_core.procedural.terrain.surroundings.land_relief import (
     LandRelief,
@@ -249,7 +251,9 @@ def _land_masks(
     shares = material.masks.mean(axis=(1, 2), dtype=np.float64)
     relief = None
     if world.is_in_land:
-        relief = _land_relief(material, world)
+        ground = require(world.ground)
+        world.far_ground = world.surroundings.around(ground, world.far_ground)
+        relief = partial(_land_relief, material, ground, world.far_ground)
     else:
         shares *= [1.0 if when is None else _gate_of_level(when) for when in conditions]
         if not any(conditions) or not shares.any():
@@ -270,13 +274,11 @@ def _land_masks(
     )
 
 
-def _land_relief(material: TerrainMaterial, world: World) -> LandRelief:
-    ground = require(world.ground)
-    world.far_ground = world.surroundings.around(ground, world.far_ground)
+def _land_relief(material: TerrainMaterial, ground: Ground, land: FarGroundMesh) -> LandRelief:
     x0, y0, x1, y1 = material.extent_m
     nearest_m = min(x1 - x0, y1 - y0) / 2
     return land_relief(
-        world.far_ground,
+        land,
         ((x0 + x1) / 2, (y0 + y1) / 2),
         nearest_m,
         farthest_m(nearest_m),
