@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import uuid
@@ -44,6 +45,14 @@ def pytest_configure(config: pytest.Config) -> None:
             pytest.exit("terminated")
 
     signal.signal(signal.SIGTERM, end)
+    gc.disable()  # while tests are collected
+
+
+def pytest_collection_finish() -> None:
+    """Keep collections of garbage from going through all modules and tests again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_make_parametrize_id(val: object) -> str | None:

@@ -18,7 +18,8 @@ from typing import Any
 
 import pytest
 
-TIMEOUT_S = 300
+TIMEOUT_S = 500
+"""Less than that of a test, so that it is told what did not end."""
 
 
 def skip_without_blender(*, module: bool = False) -> None:

@@ -18,8 +18,8 @@ from world_judge import SPECKLE, standing_out
 from oaisys_core.config import config_from_mapping
 from oaisys_core.types import RGB, Frame, PinholeIntrinsics
 
-EVERY_DAY = range(11, 17)
-LONG = [range(first, first + 6) for first in range(17, 41, 6)]
+EVERY_DAY = range(11, 13)
+LONG = [range(first, first + 4) for first in range(13, 41, 4)]
 
 SOME, MANY = range(40), range(300)
 
