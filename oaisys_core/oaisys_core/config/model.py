@@ -98,6 +98,15 @@ class SimulationConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _sky_of_earth(self) -> SimulationConfig:
+        if self.environment.sun_from_time is not None and not self.stage.is_on_earth:
+            raise ValueError(
+                "environment.sun_from_time: expected null, because it is the sun in Earth's sky,"
+                f" and stage.body is {self.stage.body}; give sun_elevation_deg and sun_azimuth_deg"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _layers_of_densities(self) -> SimulationConfig:
         known = self.materials.layer_labels
         for group in self.assets.groups:

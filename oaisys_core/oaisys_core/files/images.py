@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,9 +22,6 @@ _HEADER_BYTES = 1_000_000
 
 _EXR_CHANNELS = 8
 """Channels of an EXR file with as many pixels as it may have."""
-
-MAX_BANDS = 64
-"""Bands of a GeoTIFF."""
 
 
 @dataclass(frozen=True)
@@ -143,57 +138,6 @@ def _decode(data: bytes, use: ImageUse, name: str, flags: int) -> NDArray[Any]:
     if image is None:
         raise use.refusal(name, "its pixels are damaged")
     return np.asarray(image)
-
-
-@contextmanager
-def open_geotiff(source: Path | bytes, use: ImageUse, name: str | None = None) -> Iterator[Any]:
-    """Open a GeoTIFF by itself: no other format, no files beside it, no network.
-
-    Args:
-        source: The file, or its bytes.
-        use: Bounds its size.
-        name: Of the file in errors; None: its path.
-
-    Yields:
-        The dataset of rasterio.
-
-    Raises:
-        InvalidInputError: It is too large, or no GeoTIFF that can be read.
-    """
-    from rasterio import Env
-    from rasterio.errors import RasterioError
-    from rasterio.io import MemoryFile
-
-    data = read_file(source, use) if isinstance(source, Path) else source
-    shown = name or str(source)
-    # In memory GDAL finds no neighbours, and the file's name, such as GTIFF_DIR:…, means nothing.
-    alone = {
-        "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
-        "GDAL_PAM_ENABLED": "NO",
-        "GDAL_GEOREF_SOURCES": "INTERNAL",
-        "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none",
-        "PROJ_NETWORK": "OFF",
-    }
-    try:
-        with Env(**alone), MemoryFile(data) as memory, memory.open(driver="GTiff") as file:
-            _check_geotiff(file, use, shown)
-            yield file
-    except (RasterioError, OSError) as error:
-        raise use.refusal(shown, error) from error
-
-
-def _check_geotiff(file: Any, use: ImageUse, name: str) -> None:
-    use.check(file.width, file.height, name)
-    if file.count > MAX_BANDS:
-        expected = f"{use.name} of at most {MAX_BANDS} bands, not {file.count}"
-        raise InvalidInputError(use.field, name, expected)
-    is_mixed = file.interleaving is not None and file.interleaving.value == "PIXEL"
-    together = file.count if is_mixed else 1
-    for rows, columns in file.block_shapes:
-        # A block is decoded as a whole, however small the image is.
-        use.check(columns, rows * together, name)
-    if any("complex" in dtype for dtype in file.dtypes):
-        raise InvalidInputError(use.field, name, f"{use.name} of real numbers")
 
 
 def check_exr(file: Any, use: ImageUse, name: str) -> None:

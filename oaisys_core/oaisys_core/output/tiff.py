@@ -14,7 +14,8 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import RenderError
-from oaisys_core.files.images import FRAME, open_geotiff
+from oaisys_core.files.images import FRAME
+from oaisys_core.files.rasters import open_geotiff
 
 NO_PREDICTOR, FLOATING_POINT = 1, 3
 """Numbers of predictors in TIFF files."""

@@ -56,8 +56,7 @@ def _stage(config: SimulationConfig) -> None:
     elif stage.mesh is not None:
         load_mesh(stage.mesh.file, stage.mesh.object, "stage.mesh.file")
     elif stage.dem is not None:
-        dem = stage.dem.model_dump()
-        import_dem(dem.pop("file"), **dem)
+        import_dem(stage.dem)
 
 
 def _sky_images(config: SimulationConfig) -> None:

@@ -21,6 +21,7 @@ from rasterio.io import MemoryFile
 
 from oaisys_core.config.sections.density import ImageDensity
 from oaisys_core.config.sections.environment import HdriImageConfig, SkyLabelsConfig
+from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import DocumentError
@@ -31,14 +32,14 @@ from oaisys_core.files.images import (
     TEXTURE,
     USES,
     decode_pixels,
-    open_geotiff,
     read_pixels,
 )
+from oaisys_core.files.rasters import open_geotiff
 from oaisys_core.output import exr
 from oaisys_core.output.images import decode_image
 from oaisys_core.procedural.environment.hdri import SkyImages, read_radiance
 from oaisys_core.procedural.scatter.density import _image as density_image
-from oaisys_core.procedural.terrain.dem import import_dem
+from oaisys_core.procedural.terrain import dem
 from oaisys_core.procedural.textures.folder import load_texture_folder
 from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.world.stage_store import load_stage
@@ -105,6 +106,10 @@ def npz(**headers: str) -> bytes:
             magic = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text))
             archive.writestr(f"{name}.npy", magic + text + bytes(10_000_000))
     return stream.getvalue()
+
+
+def import_dem(file: Path, **keys: Any) -> None:
+    dem.import_dem(DemConfig.model_construct(file=file, **keys))
 
 
 def sky_labels(file: Path) -> None:

@@ -20,28 +20,60 @@ Body = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=1e3, le=1e9)
 RADIUS_M = {"earth": 6.371e6, "moon": 1.7374e6, "mars": 3.3895e6}
 """Mean radii."""
 
+BODY_TOLERANCE = 0.01
+"""Relative difference of two radii of the same body."""
+
+
+def is_earth(radius_m: float) -> bool:
+    """Return whether a radius is that of Earth."""
+    return abs(radius_m / RADIUS_M["earth"] - 1) <= BODY_TOLERANCE
+
+
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 """A name that cannot be a path."""
 
 
 class DemConfig(Section):
-    """A digital elevation model: a GeoTIFF, 16-bit PNG or EXR image, first row in the north.
+    """A digital elevation model: a raster such as a GeoTIFF, or a grey image.
 
     Attributes:
-        file: The image.
-        spacing_m: Distance between pixels; None uses that of the GeoTIFF.
+        file: A raster that GDAL reads from one file (GeoTIFF, ``.asc``, ``.hgt``, ``.img``, ...),
+            an EXR image, or a grey PNG, JPEG or other image, first row in the north.
+        spacing_m: Distance between pixels; None uses that of the file, in true metres on its body.
+        size_m: Size of an image in x, y and z, as ``<size>`` of an SDF ``<heightmap>``: between the
+            outer pixels, and the height of its largest value; 0 is at ``position_m``.
+        position_m: Position of the model's centre, and what is added to its heights, as ``<pos>``
+            of an SDF ``<heightmap>``.
         scale: Factor on the heights, in addition to that in the file.
         offset_m: Offset added to the heights; None moves the median height to z = 0.
+        height_unit: Unit of the heights; None uses that of the file.
+        nodata: Stored value or values of missing heights, in addition to what the file says;
+            ``none``: every other value is a height. None: values that look like missing heights are
+            an error.
+        crs: Reference system of the coordinates, such as ``EPSG:32633`` or WKT; None uses that of
+            the file.
         ground_spacing_m: Distance between grid points of the ground; None uses that of the pixels.
-        band: Band of a GeoTIFF.
+        band: Band of a raster, or channel of an image; None uses the first, unless it is a
+            colour's.
     """
 
     file: ConfigFile
     spacing_m: Positive | None = None
+    size_m: tuple[Positive, Positive, Positive] | None = None
+    position_m: Vector3 = (0.0, 0.0, 0.0)
     scale: float = 1.0
     offset_m: float | None = None
+    height_unit: Literal["m", "ft", "us-ft"] | None = None
+    nodata: float | tuple[float, ...] | Literal["none"] | None = None
+    crs: str | None = Field(default=None, max_length=10_000)
     ground_spacing_m: Positive | None = None
-    band: int = Field(default=1, ge=1)
+    band: int | None = Field(default=None, ge=1)
+
+    @model_validator(mode="after")
+    def _one_size(self) -> DemConfig:
+        if self.size_m is not None and self.spacing_m is not None:
+            raise ValueError("expected spacing_m or size_m, not both")
+        return self
 
 
 class StageMeshConfig(Section):
@@ -146,6 +178,11 @@ class StageConfig(Section):
     def body_radius_m(self) -> float:
         """Radius of the body."""
         return RADIUS_M[self.body] if isinstance(self.body, str) else self.body
+
+    @property
+    def is_on_earth(self) -> bool:
+        """Whether the body is Earth."""
+        return is_earth(self.body_radius_m)
 
     @model_validator(mode="after")
     def _consistent(self) -> StageConfig:

@@ -19,6 +19,8 @@ from oaisys_core.config.sections.environment import (
     HdriConfig,
     SkyConfig,
 )
+from oaisys_core.config.sections.stage import is_earth
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.environment.dust import shares_under_dust
 from oaisys_core.procedural.environment.effects import load_effects
 from oaisys_core.procedural.environment.hdri import SkyImages, images_of
@@ -115,6 +117,9 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
     def apply(self, world: World, section: EnvironmentConfig) -> None:
         """Set sun, sky and lamps."""
         sun = section.sun_from_time
+        if sun is not None and not is_earth(world.surroundings.body_radius_m):
+            expected = "null on a body that is not Earth, whose sky it is of (stage.body)"
+            raise InvalidInputError("environment.sun_from_time", "a time", expected)
         self.changes_by_itself = section.redraw == "sample" or bool(sun and sun.s_per_sample)
         draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
         sky = replace(self._sky(section, draws, world.sample_id), dips=world.is_in_land)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from oaisys_core.config.sections.stage import ReuseConfig, StageConfig, StageMeshConfig
+from oaisys_core.config.sections.stage import (
+    BODY_TOLERANCE,
+    ReuseConfig,
+    StageConfig,
+    StageMeshConfig,
+)
 from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.meshes.files import load_mesh
-from oaisys_core.procedural.terrain.dem import import_dem
+from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.procedural.terrain.detail import Detail
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
@@ -21,6 +27,8 @@ from oaisys_core.scene import Ground
 from oaisys_core.types import merge
 from oaisys_core.world.module import Metadata, Module, World, override
 from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
+
+LOG = logging.getLogger(__name__)
 
 
 class StageModule(Module):
@@ -146,8 +154,8 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, 
             notes["local_origin_m"] = list(mesh.local_origin_m)
         return mesh
     if config.dem is not None:
-        dem = config.dem.model_dump()
-        imported = import_dem(dem.pop("file"), **dem)
+        imported = import_dem(config.dem)
+        _check_body(imported, config)
         notes.update(holes=imported.holes, filled_px=imported.filled_px)
         return imported.ground
     return make_ground(
@@ -158,6 +166,18 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, 
         roughness=config.roughness,
         relief_m=config.relief_m,
     )
+
+
+def _check_body(imported: ImportedGround, config: StageConfig) -> None:
+    """Warn if an elevation model is not of the stage's body."""
+    radius_m = imported.body_radius_m
+    if radius_m is not None and abs(radius_m / config.body_radius_m - 1) > BODY_TOLERANCE:
+        LOG.warning(
+            "stage.dem.file is of a body with a radius of %.0f m, but stage.body is %s: the land"
+            " beyond the stage curves as on the latter, and the sky may be another's",
+            radius_m,
+            config.body,
+        )
 
 
 def _mesh_ground(config: StageMeshConfig) -> MeshGround:

@@ -12,14 +12,20 @@ import pytest
 import rasterio
 from rasterio.transform import Affine, from_origin
 
+from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.output import exr
-from oaisys_core.procedural.terrain.dem import degree_m, import_dem, write_dem
+from oaisys_core.procedural.terrain import dem
+from oaisys_core.procedural.terrain.dem import write_dem
 from oaisys_core.procedural.terrain.holes import fill_holes
 from oaisys_core.scene import HeightField
 
 EAST, NORTH = 0.3, -0.2
 """Rise of the plane per metre."""
+
+
+def import_dem(path: Path, **keys: Any) -> dem.ImportedGround:
+    return dem.import_dem(DemConfig.model_construct(file=path, **keys))
 
 
 def plane(rows: int, cols: int, pixel_m: tuple[float, float]) -> np.ndarray:
@@ -52,7 +58,7 @@ def test_a_geotiff_has_its_own_scale(tmp_path: Path) -> None:
         tmp_path / "plane.tif",
         plane(31, 41, (2.5, 2.5)).astype(np.float32),
         from_origin(500_000, 5_000_000, 2.5, 2.5),
-        crs="EPSG:32633",
+        crs='LOCAL_CS["site",UNIT["metre",1]]',
     )
     imported = import_dem(path, offset_m=0.0)
     assert imported.ground.extent_m == pytest.approx((-50, -37.5, 50, 37.5))
@@ -66,7 +72,6 @@ def test_pixels_that_are_no_squares_become_squares(tmp_path: Path) -> None:
         tmp_path / "plane.tif",
         plane(21, 41, (2.0, 5.0)).astype(np.float32),
         from_origin(0, 0, 2.0, 5.0),
-        crs="EPSG:32633",
     )
     ground = import_dem(path, offset_m=0.0).ground
     assert ground.elevation_m.shape == (51, 41)
@@ -98,10 +103,6 @@ def test_degrees_become_metres_of_the_ellipsoid(tmp_path: Path) -> None:
     # Length of a degree at 45 degrees north on WGS 84, from tables.
     assert y1 - y0 == pytest.approx(111_131.7 * 1e-3, abs=0.15)
     assert x1 - x0 == pytest.approx(78_846.8 * 1e-3, abs=0.15)
-    assert degree_m(45.0, 6378137.0, 298.257223563) == pytest.approx((78_846.8, 111_131.7), abs=1)
-    assert degree_m(60.0, 1_737_400.0, 0.0) == pytest.approx(
-        (np.pi / 360 * 1_737_400, np.pi / 180 * 1_737_400)
-    )
 
 
 def test_holes_are_filled_and_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -150,9 +151,6 @@ def test_a_png_needs_a_scale(tmp_path: Path) -> None:
     assert_is_plane(ground, 1.1e-3)
     with pytest.raises(InvalidInputError, match=r"spacing_m"):
         import_dem(path)
-    cv2.imwrite(str(path), np.zeros((4, 4), np.uint8))
-    with pytest.raises(InvalidInputError, match="16-bit"):
-        import_dem(path, spacing_m=1.0)
 
 
 def test_an_exr_keeps_its_floats(tmp_path: Path) -> None:

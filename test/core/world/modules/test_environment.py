@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from oaisys_core import extensions, randomness
 from oaisys_core.config.loading import config_from_mapping
 from oaisys_core.config.sections.environment import EnvironmentConfig
+from oaisys_core.config.sections.stage import StageConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.environment import effects
+from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.scene import Sky
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import SEMANTIC_0, ModuleMetadata
@@ -154,6 +156,18 @@ class TestSunFromTime:
         )
         assert side * noon[1] > 0.5 > 10 * abs(noon[0])
         assert morning[0] > 0.7
+
+    @pytest.mark.parametrize("body", ["moon", "mars", 2.6e6])
+    def test_it_is_the_sun_of_no_other_body(self, body: str | float) -> None:
+        with pytest.raises(ConfigError, match=r"environment\.sun_from_time.*stage\.body"):
+            config_from_mapping({"stage": {"body": body}, "environment": {"sun_from_time": AT}})
+        config_from_mapping({"stage": {"body": 6.378e6}, "environment": {"sun_from_time": AT}})
+        # Bodies and times of metadata meet in the world.
+        module = EnvironmentModule(EnvironmentConfig.model_validate({"sun_from_time": AT}))
+        radius_m = StageConfig.model_validate({"body": body}).body_radius_m
+        world = World(surroundings=Surroundings(body_radius_m=radius_m))
+        with pytest.raises(InvalidInputError, match=r"sun_from_time.*not Earth"):
+            module.step_batch(world, None, np.random.default_rng(1))
 
     def test_true_north_may_lie_elsewhere(self) -> None:
         (plain,) = skies({"sun_from_time": AT})

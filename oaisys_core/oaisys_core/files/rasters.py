@@ -1,0 +1,148 @@
+"""Opens rasters with GDAL: by named drivers, from memory, without files beside them or network."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import ImageUse, read_file
+
+MAX_BANDS = 64
+"""Bands of a raster."""
+
+GEOTIFF = ("GTiff",)
+
+ELEVATION_DRIVERS = (
+    *GEOTIFF,
+    *("AAIGrid", "GRASSASCIIGrid", "SRTMHGT", "DTED", "USGSDEM", "HFA", "netCDF", "ISIS3", "PDS"),
+    *("VICAR", "GSAG", "GSBG", "GS7BG", "BT", "SIGDEM", "HF2", "Terragen", "Leveller", "NWT_GRD"),
+    *("GXF", "ISG", "GTX", "BYN", "ZMap", "XYZ", "KRO", "ELAS", "RMF", "JP2OpenJPEG", "GRIB"),
+    "NITF",
+)
+"""GDAL's drivers of formats in which an elevation model is one file that needs no other."""
+
+_HGT_NAME = re.compile(r"[NS]\d{2}[EW]\d{3}", re.IGNORECASE)
+"""Beginning of the name of an SRTM tile, which says where it is."""
+
+_LABEL_BYTES = 1_000_000
+_POINTER = re.compile(rb"\^\s*(?!DATA_SET_MAP_PROJECTION|DESCRIPTION)\w+\s*=\s*([^\r\n]*)")
+"""Says where pixels are; the two others name documents, which nobody reads."""
+_PLACE_IN_FILE = re.compile(rb"\d+\s*(<BYTES>)?\s*(/\*.*)?")
+
+# In memory GDAL finds no neighbours, and the file's name, such as GTIFF_DIR:…, means nothing.
+_ALONE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_PAM_ENABLED": "NO",
+    "GDAL_GEOREF_SOURCES": "INTERNAL",
+    "GTIFF_REPORT_COMPD_CS": "YES",
+    "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none",
+    "PROJ_NETWORK": "OFF",
+}
+
+
+@contextmanager
+def open_geotiff(source: Path | bytes, use: ImageUse, name: str | None = None) -> Iterator[Any]:
+    """Open a GeoTIFF by itself: no other format, no files beside it, no network.
+
+    Args:
+        source: The file, or its bytes.
+        use: Bounds its size.
+        name: Of the file in errors; None: its path.
+
+    Yields:
+        The dataset of rasterio.
+
+    Raises:
+        InvalidInputError: It is too large, or no GeoTIFF that can be read.
+    """
+    with open_raster(source, use, name, GEOTIFF) as file:
+        yield file
+
+
+@contextmanager
+def open_raster(
+    source: Path | bytes,
+    use: ImageUse,
+    name: str | None = None,
+    drivers: Sequence[str] = ELEVATION_DRIVERS,
+) -> Iterator[Any]:
+    """Open a raster by itself, see `open_geotiff`, in the format of one of some drivers.
+
+    Raises:
+        InvalidInputError: It is too large, refers to other files, or cannot be read.
+    """
+    from rasterio import Env
+    from rasterio.errors import RasterioError
+    from rasterio.io import MemoryFile
+
+    data = read_file(source, use) if isinstance(source, Path) else source
+    shown = name or str(source)
+    _check_alone(data, use, shown)
+    try:
+        with (
+            Env(**_ALONE),
+            MemoryFile(data, filename=_name_in_memory(shown)) as memory,
+            memory.open(driver=list(drivers)) as file,
+        ):
+            _check_size(file, use, shown)
+            yield file
+    except (RasterioError, OSError) as error:
+        raise use.refusal(shown, error) from error
+
+
+def _name_in_memory(name: str) -> str:
+    """Return a name with nothing of the file's own but what a driver needs."""
+    path = Path(name)
+    suffix = path.suffix.lower()
+    suffix = suffix if re.fullmatch(r"\.[a-z0-9]{1,8}", suffix) else ""
+    tile = _HGT_NAME.match(path.name)
+    return f"{tile[0].upper() if tile and suffix == '.hgt' else 'raster'}{suffix}"
+
+
+def _check_alone(data: bytes, use: ImageUse, name: str) -> None:
+    """Raise if a file is of a kind whose pixels may be in other files."""
+    convert = "convert it with gdal_translate -of GTiff"
+    if _is_hdf5(data):
+        expected = f"{use.name} but no HDF5 (netCDF-4), which may refer to other files; {convert}"
+        raise InvalidInputError(use.field, name, expected)
+    if data.startswith(b"EHFA_HEADER_TAG") and b"ExternalRasterDMS" in data:
+        expected = f"{use.name} with its pixels in itself, not in an .ige file; {convert}"
+        raise InvalidInputError(use.field, name, expected)
+    label = data[:_LABEL_BYTES]
+    if not re.match(rb"\s*(?:PDS_VERSION_ID|Object\s*=\s*IsisCube|CCSD|NJPL|ODL)", label):
+        return
+    pointers = [found[1].strip() for found in _POINTER.finditer(label)]
+    if b"COMPRESSED_FILE" in label or not all(map(_PLACE_IN_FILE.fullmatch, pointers)):
+        expected = f"{use.name} with its pixels behind its label, not in another file; {convert}"
+        raise InvalidInputError(use.field, name, expected)
+
+
+def _is_hdf5(data: bytes) -> bool:
+    place = 0
+    while place < len(data):
+        if data[place : place + 8] == b"\x89HDF\r\n\x1a\n":
+            return True
+        place = max(512, 2 * place)
+    return False
+
+
+def _check_size(file: Any, use: ImageUse, name: str) -> None:
+    if file.count == 0:
+        layers = ", ".join(each.rpartition(":")[2] for each in file.subdatasets) or "none"
+        expected = f"{use.name} with one layer, not {layers} (extract one with gdal_translate)"
+        raise InvalidInputError(use.field, name, expected)
+    use.check(file.width, file.height, name)
+    if file.count > MAX_BANDS:
+        expected = f"{use.name} of at most {MAX_BANDS} bands, not {file.count}"
+        raise InvalidInputError(use.field, name, expected)
+    is_mixed = file.interleaving is not None and file.interleaving.value == "PIXEL"
+    together = file.count if is_mixed else 1
+    for rows, columns in file.block_shapes:
+        # A block is decoded as a whole, however small the image is.
+        use.check(columns, rows * together, name)
+    if any("complex" in dtype for dtype in file.dtypes):
+        raise InvalidInputError(use.field, name, f"{use.name} of real numbers")

@@ -1,0 +1,1 @@
+"""Elevation models in files: what their pixels, units and reference systems mean."""

@@ -1,0 +1,184 @@
+"""The values in files of elevation models, and what the files say about them."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import ELEVATION, ImageUse, decode_pixels, read_file
+from oaisys_core.files.rasters import open_raster
+from oaisys_core.output import exr
+from oaisys_core.procedural.terrain.elevation.references import UNIT_M
+from oaisys_core.types import FloatArray
+
+if TYPE_CHECKING:
+    from affine import Affine
+
+LOG = logging.getLogger(__name__)
+
+PICTURES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"RIFF", b"P2", b"P5", b"P6", b"P3")
+"""First bytes of images without a place on a map."""
+
+EXR = b"v/1\x01"
+
+GREY_STEPS = 2
+"""Largest difference of red, green and blue in a grey image, which JPEG rounds."""
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """An elevation model as a file stores it.
+
+    Attributes:
+        values: (rows, cols) float64 as stored, rows as in the file; NaN where it says so.
+        is_image: Whether they are the integers of an image, which have no unit.
+        factor: Metres per stored unit, but for the unit of the reference system.
+        offset_m: Height of a stored 0.
+        unit: Name of the file's own unit of heights; empty if it has none.
+        transform: From column and row to x and y; None if the file has no places.
+        reference: WKT of the reference system; None if the file has none.
+    """
+
+    values: FloatArray
+    is_image: bool = False
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+    transform: Affine | None = None
+    reference: str | None = None
+
+
+def use_of(field: str) -> ImageUse:
+    """Return the bounds of a model whose configuration has this name."""
+    return replace(ELEVATION, field=f"{field}.file")
+
+
+def read_model(path: Path, band: int | None, field: str) -> StoredModel:
+    """Return the elevation model in a file.
+
+    Args:
+        path: The file.
+        band: Of a raster; None: the first, unless it is a colour's.
+        field: Name of the configuration field in errors.
+
+    Raises:
+        InvalidInputError: It cannot be read, or contains no heights.
+    """
+    use = use_of(field)
+    data = read_file(path, use)
+    if data.startswith(EXR):
+        model = StoredModel(_read_exr(path, field))
+    elif data.startswith(PICTURES):
+        pixels = decode_pixels(data, use, str(path))
+        order = {3: (2, 1, 0), 4: (2, 1, 0, 3)}.get(pixels.shape[-1]) if pixels.ndim == 3 else None
+        model = _from_image(pixels if order is None else pixels[..., order], path, band, field)
+    else:
+        model = _read_raster(data, path, band, field)
+    if min(model.values.shape) < 2:
+        raise InvalidInputError(f"{field}.file", model.values.shape, "at least 2 x 2 pixels")
+    return model
+
+
+def _from_image(pixels: NDArray[Any], path: Path, band: int | None, field: str) -> StoredModel:
+    """Return the model in the grey, colour and alpha values of an image."""
+    planes = pixels[..., None] if pixels.ndim == 2 else pixels
+    count = planes.shape[2]
+    if not 1 <= (band or 1) <= count:
+        raise InvalidInputError(f"{field}.band", band, f"a band from 1 to {count}")
+    if band is None and count > 2:
+        _check_grey(planes[..., :3], path, field)
+    values = planes[..., (band or 1) - 1].astype(np.float64)
+    if count in (2, 4):
+        values[planes[..., -1] == 0] = np.nan  # transparent
+    if planes.dtype == np.uint8:
+        LOG.warning(
+            "%s: has 8 bits, so its heights have at most 256 steps; slopes will look like terraces",
+            path,
+        )
+    return StoredModel(values, is_image=planes.dtype.kind == "u")
+
+
+def _check_grey(colors: NDArray[Any], path: Path, field: str) -> None:
+    spread = colors.max(axis=2).astype(np.int64) - colors.min(axis=2)
+    limit = GREY_STEPS if colors.dtype == np.uint8 else 0
+    if spread.max() > limit:
+        expected = (
+            f"heights, not the colours of a picture ({path.name} is not grey); if a channel does"
+            " contain heights, name it: 1 is red, 2 green, 3 blue"
+        )
+        raise InvalidInputError(f"{field}.band", None, expected)
+
+
+def _read_exr(path: Path, field: str) -> FloatArray:
+    channels = exr.read_channels(path, use_of(field))
+    for name in (exr.GREY, "Z"):
+        if name in channels:
+            return np.asarray(channels[name], np.float64)
+    for names in (("R", "G", "B"), ("RGB.R", "RGB.G", "RGB.B")):
+        if names[0] not in channels:
+            continue
+        red = np.asarray(channels[names[0]], np.float64)
+        others = [channels[name] for name in names[1:] if name in channels]
+        if all(np.array_equal(red, other, equal_nan=True) for other in others):
+            return red
+        raise InvalidInputError(
+            f"{field}.file", sorted(channels), "heights in a channel Y or Z, or in equal R, G and B"
+        )
+    if len(channels) == 1:
+        return np.asarray(next(iter(channels.values())), np.float64)
+    raise InvalidInputError(f"{field}.file", sorted(channels), "an image with a channel Y, Z or R")
+
+
+def _read_raster(data: bytes, path: Path, band: int | None, field: str) -> StoredModel:
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with open_raster(data, use_of(field), str(path)) as file:
+            return _from_dataset(file, path, band, field)
+
+
+def _from_dataset(file: Any, path: Path, band: int | None, field: str) -> StoredModel:
+    if band is not None and not band <= file.count:
+        raise InvalidInputError(f"{field}.band", band, f"a band from 1 to {file.count}")
+    chosen = (band or 1) - 1
+    if band is None:
+        _check_no_picture(file, path, field)
+    unit = (file.units[chosen] or "").strip()
+    if unit.lower() not in UNIT_M:
+        raise InvalidInputError(
+            f"{field}.height_unit", unit, f"heights in one of {', '.join(filter(None, UNIT_M))}"
+        )
+    if file.dtypes[chosen] == "uint8":
+        LOG.warning("%s: has 8 bits, so its heights have at most 256 steps", path)
+    values = file.read(chosen + 1, masked=True).astype(np.float64).filled(np.nan)
+    is_placed = not file.transform.is_identity
+    return StoredModel(
+        values,
+        is_image=not is_placed and np.dtype(file.dtypes[chosen]).kind == "u",
+        scale=float(file.scales[chosen]),
+        offset=float(file.offsets[chosen]),
+        unit=unit,
+        transform=file.transform if is_placed else None,
+        reference=file.crs.to_wkt(version="WKT2_2019") if file.crs else None,
+    )
+
+
+def _check_no_picture(file: Any, path: Path, field: str) -> None:
+    names = [each.name for each in file.colorinterp]
+    colors = [number for number, name in enumerate(names) if name in ("red", "green", "blue")]
+    if names[0] == "palette":
+        expected = f"heights, not the numbers of colours ({path.name} has a palette); if they are"
+        raise InvalidInputError(f"{field}.band", None, f"{expected} heights, name the band: 1")
+    if 0 in colors:
+        planes = file.read([number + 1 for number in colors])
+        _check_grey(np.moveaxis(planes, 0, -1), path, field)
+    elif sum(name != "alpha" for name in names) > 1:
+        LOG.warning("%s: has %d bands, of which the first is read", path, len(names))
