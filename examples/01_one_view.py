@@ -1,6 +1,6 @@
 """One view in this process: no server, no ROS.
 
-    python examples/01_one_view.py [WORLD.yaml]
+    python examples/01_one_view.py [WORLD.yaml] [--out out/one_view.png]
 
 `Simulation` has two verbs. `step_batch` draws a new world from a seed; `step_sample` moves the
 rig, renders, and returns a `Sample`: one `Frame` for each camera and modality. Depth is planar z
@@ -8,7 +8,7 @@ in metres, float32, +inf where nothing was hit. Without a WORLD.yaml it is the w
 rendered by Blender; a world with `backend: analytic` needs no Blender and takes milliseconds.
 """
 
-import sys
+import argparse
 from contextlib import closing
 from pathlib import Path
 
@@ -20,7 +20,11 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 
-config = load_config(Path(sys.argv[1])) if sys.argv[1:] else SimulationConfig()
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("world", nargs="?", type=Path, help="the default: that of `make demo`")
+parser.add_argument("--out", type=Path, default=Path("out/one_view.png"), help="a picture")
+options = parser.parse_args()
+config = load_config(options.world) if options.world else SimulationConfig()
 pose = pose_looking_at(eye_m=(-8, -6, 6), target_m=(0, 0, 0))  # in `map`: z up, metres
 
 with closing(Simulation(config)) as simulation:
@@ -32,4 +36,5 @@ for frame in sample.frames:
 camera = sample.frames[0].sensor
 depth_m = sample.frame(camera, "depth").data
 print(f"nearest {depth_m.min():.2f} m, sky {np.isinf(depth_m).mean():.0%} of the image")
-Image.fromarray(sample.frame(camera, "rgb").data).save("one_view.png")
+options.out.parent.mkdir(parents=True, exist_ok=True)
+Image.fromarray(sample.frame(camera, "rgb").data).save(options.out)

@@ -9,7 +9,7 @@ waits for the whole sample; `stream_sample` yields each frame as soon as it is r
 labels before colour. Another language needs only the proto: see examples/node/.
 """
 
-import sys
+import argparse
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_grpc.client import DEFAULT_ADDRESS, SimulatorClient
 
-address = sys.argv[1] if sys.argv[1:] else DEFAULT_ADDRESS
-with SimulatorClient(address, timeout_s=300) as simulator:
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("address", nargs="?", default=DEFAULT_ADDRESS, help="the default: %(default)s")
+with SimulatorClient(parser.parse_args().address, timeout_s=300) as simulator:
     simulator.step_batch(seed=7)
     camera = simulator.info().sensors[0].name
 

@@ -8,7 +8,7 @@ ids. The legend, `SimulatorInfo.semantic_labels`, names the classes of this worl
 latched on `camera/semantic_0/labels`. `list_objects` names the things.
 """
 
-import sys
+import argparse
 from contextlib import closing
 from pathlib import Path
 
@@ -19,7 +19,10 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import INSTANCE, SEMANTIC_0, ModuleMetadata, ObjectQuery
 
-config = load_config(Path(sys.argv[1])) if sys.argv[1:] else SimulationConfig()
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("world", nargs="?", type=Path, help="the default: that of `make demo`")
+options = parser.parse_args()
+config = load_config(options.world) if options.world else SimulationConfig()
 metadata = ModuleMetadata(sensor={"pose": pose_looking_at((-6, 0, 5), (0, 0, 0))})
 
 with closing(Simulation(config)) as simulation:

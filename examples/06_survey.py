@@ -4,10 +4,10 @@
 
 `run_survey` starts server, bridge, mapper and recorder as processes of their own, looks down from
 a grid of viewpoints through the ROS service, and measures the rebuilt surface against the true
-one. The folder gets report.html, report.json, mesh.ply, and certificate.json, which anybody can
-check again: see docs/certificate.md. Exit 0: the map agrees with the world and nothing was lost.
+one. The folder gets report.html, report.json, mesh.ply and certificate.json (docs/certificate.md).
 """
 
+import argparse
 import json
 import sys
 from pathlib import Path
@@ -16,9 +16,11 @@ from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
 from oaisys_ros_bridge.experiments.survey.survey import run_survey
 
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("world", nargs="?", type=Path, help="the default: that of `make demo`")
 options = SurveyOptions(
     out=Path("out/survey_from_python"),
-    config=Path(sys.argv[1]) if sys.argv[1:] else None,  # None: the world of `make demo`
+    config=parser.parse_args().world,
     overrides={"backend": "analytic", "size": "320x240"},  # without Blender
     voxel_size_m=0.1,
     max_range_m=60.0,

@@ -3,13 +3,19 @@
 python examples/07_train_on_a_dataset.py DATASET [STEPS]
 """
 
+import argparse
 import sys
 
 import numpy as np
 
 from oaisys_dataset import open_dataset
 
-dataset = open_dataset(sys.argv[1]).split("train")
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("dataset", help="its folder or address")
+parser.add_argument("steps", nargs="?", type=int, default=20)
+options = parser.parse_args()
+
+dataset = open_dataset(options.dataset).split("train")
 rng = np.random.default_rng(0)
 
 
@@ -31,7 +37,7 @@ net = torch.nn.Sequential(
     torch.nn.Conv2d(3, 16, 5, padding=2), torch.nn.ReLU(), torch.nn.Conv2d(16, classes, 1)
 )
 optimizer = torch.optim.Adam(net.parameters(), lr=0.01)
-for step in range(int(sys.argv[2]) if sys.argv[2:] else 20):
+for step in range(options.steps):
     colors, labels = map(torch.from_numpy, batch())
     loss = torch.nn.functional.cross_entropy(net(colors), labels)
     optimizer.zero_grad()
