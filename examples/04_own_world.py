@@ -18,6 +18,7 @@ from oaisys_core.simulation import Simulation
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("backend", nargs="?", choices=["analytic", "blender"], default="analytic")
+options = parser.parse_args()
 
 y, x = np.mgrid[0:129, 0:129] / 128  # row 0 is in the north
 height_m = 2 + np.sin(6 * x) + np.cos(9 * y)
@@ -27,7 +28,7 @@ Image.fromarray((1000 * height_m).astype(np.uint16)).save(heights)  # millimetre
 sand = {"texture": "sand", "label": "sand", "semantic_id": 1}
 gravel = {"texture": "gravel", "label": "gravel", "semantic_id": 2}
 world = {
-    "backend": parser.parse_args().backend,
+    "backend": options.backend,
     "stage": {"dem": {"file": str(heights), "spacing_m": 0.25, "scale": 0.001, "offset_m": 0}},
     "materials": {"layers": [sand, gravel]},
     "assets": {"rocks": [{"kind": "boulder", "count": [12, 12], "size_m": [0.5, 1.5]}]},
