@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.mesh_headers import check_map_file
+from oaisys_core.files.whole_files import whole_file
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.whole_files import whole_file
 
 HEADER_BYTES = 65_536
 """Bytes at the start of a file in which its header is searched."""

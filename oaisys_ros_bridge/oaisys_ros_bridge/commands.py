@@ -149,10 +149,11 @@ def ros_reference(
     ] = None,
 ) -> None:
     """Write the reference page of all topics, services, actions and parameters."""
+    from oaisys_core.files.whole_files import write_whole_text
     from oaisys_ros_bridge.parameters.reference import reference_text
 
     text = reference_text()
     if out is None:
         typer.echo(text, nl=False)
     else:
-        out.write_text(text, encoding="utf-8")
+        write_whole_text(out, text)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from waiting import PATIENCE_S, wait_until
 
+from oaisys_core.files.whole_files import whole_file
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply, write_ply
-from oaisys_mapping.whole_files import whole_file
 
 WRITE_AGAIN_AND_AGAIN = """
 import sys

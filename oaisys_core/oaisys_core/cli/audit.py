@@ -17,6 +17,7 @@ from oaisys_core.cli.options import (
 )
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.output.files import write_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -70,8 +71,7 @@ def audit(
         for f in found
     ]
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        write_text(out, json.dumps(figures, indent=2) + "\n")
     Console().print(_table(found))
     worst = max(found, key=lambda f: f.wrong_share)
     if worst.wrong_share > limit:

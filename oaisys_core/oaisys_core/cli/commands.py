@@ -22,6 +22,7 @@ from oaisys_core.cli.options import (
 )
 from oaisys_core.cli.rendering import render
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.whole_files import write_whole_text
 
 __all__ = ["config_app", "render"]
 
@@ -127,6 +128,6 @@ def _write_or_print(text: str, out: Path | None) -> None:
         typer.echo(text, nl=False)
         return
     try:
-        out.write_text(text, encoding="utf-8")
+        write_whole_text(out, text)
     except OSError as error:
         raise InvalidInputError("out", str(out), f"a file that can be written ({error})") from error

@@ -17,6 +17,7 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
+from oaisys_core.files.whole_files import write_whole_text
 from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.certificate.signature import PrivateKey, sign
 from oaisys_mapping.certificate.view_files import views_to_json
@@ -101,7 +102,7 @@ def sign_certificate(path: Path, certificate: Mapping[str, Any], key: PrivateKey
 
 
 def _write(path: Path, certificate: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(certificate, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole_text(path, json.dumps(certificate, indent=1, allow_nan=False) + "\n")
 
 
 def read_certificate(path: Path) -> dict[str, Any]:

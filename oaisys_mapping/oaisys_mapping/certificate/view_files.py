@@ -11,6 +11,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
+from oaisys_core.files.whole_files import write_whole_text
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
 
@@ -20,7 +21,7 @@ MAX_VIEWS_BYTES = 64_000_000
 
 def write_views(path: Path, views: Sequence[PosedCamera]) -> None:
     """Write cameras and poses to a JSON file; inverse: `read_views`."""
-    path.write_text(json.dumps({"views": views_to_json(views)}, indent=1), encoding="utf-8")
+    write_whole_text(path, json.dumps({"views": views_to_json(views)}, indent=1))
 
 
 def read_views(path: Path) -> list[PosedCamera]:

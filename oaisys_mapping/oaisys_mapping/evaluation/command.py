@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.whole_files import write_whole_text
 
 if TYPE_CHECKING:
     from oaisys_mapping.tsdf import TsdfVolume
@@ -127,7 +128,7 @@ def evaluate(
 def _print(figures: dict[str, Any], json_path: Path | None) -> None:
     text = json.dumps(figures, indent=2)
     if json_path is not None:
-        json_path.write_text(f"{text}\n", encoding="utf-8")
+        write_whole_text(json_path, f"{text}\n")
     typer.echo(text)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.mesh_headers import check_map_file
+from oaisys_core.files.whole_files import whole_file
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh_io import read_ply
 
@@ -46,7 +47,7 @@ def write_truth(path: Path, truth: TriangleMesh) -> None:
     face["count"], face["corners"] = 3, truth.triangles
     face["semantic_id"] = 0 if truth.semantic_ids is None else truth.semantic_ids
     face["instance_id"] = 0 if truth.instance_ids is None else truth.instance_ids
-    with path.open("wb") as file:
+    with whole_file(path) as part, part.open("wb") as file:
         file.write(header_of(len(vertex), len(face)))
         file.write(vertex.data)
         file.write(face.data)

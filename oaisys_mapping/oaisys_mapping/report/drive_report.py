@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.drive.outputs import RecordedDrive
+from oaisys_core.files.whole_files import write_whole_text
 from oaisys_core.types import DEPTH, INSTANCE, RGB, FloatArray, Frame, semantic_level
 from oaisys_mapping.odometry.checks import OdometryCheck, odometry_checks
 from oaisys_mapping.report import drive_pictures, pictures
@@ -60,8 +61,8 @@ def write_drive_report(drive: RecordedDrive, say: Callable[[str], None]) -> Path
     for name, data in images.items():
         (folder / PICTURES / name).write_bytes(data)
     page = folder / REPORT_HTML
-    page.write_text(_html(drive, checks, figures, images), encoding="utf-8")
-    (folder / REPORT_JSON).write_text(json.dumps(figures, indent=2), encoding="utf-8")
+    write_whole_text(page, _html(drive, checks, figures, images))
+    write_whole_text(folder / REPORT_JSON, json.dumps(figures, indent=2))
     return page
 
 

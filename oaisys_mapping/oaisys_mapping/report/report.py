@@ -18,6 +18,7 @@ import open3d as o3d
 import scipy
 from numpy.typing import NDArray
 
+from oaisys_core.files.whole_files import write_whole_text
 from oaisys_core.types import ShortRepr
 from oaisys_mapping.evaluation.evaluate import Evaluation
 from oaisys_mapping.evaluation.thresholds import Thresholds
@@ -125,10 +126,10 @@ def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
     folder.mkdir(exist_ok=True)
     for name, data in images.items():
         (folder / name).write_bytes(data)
-    (out / "report.html").write_text(_html(report, figures, images), encoding="utf-8")
+    write_whole_text(out / "report.html", _html(report, figures, images))
     if report.elapsed_s is not None:
         figures["seconds_to_report"] = report.elapsed_s()
-    (out / "report.json").write_text(json.dumps(figures, indent=2), encoding="utf-8")
+    write_whole_text(out / "report.json", json.dumps(figures, indent=2))
     return figures
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.files.markdown import escape_markdown
+from oaisys_core.files.whole_files import write_whole_text
 from oaisys_core.geometry import depth_to_points, pose_from_matrix
 from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
@@ -165,7 +166,7 @@ class WebViewer:
 
     def save(self, path: Path) -> None:
         """Write the present scene as a page that needs neither a server nor a network."""
-        path.write_text(self._server.scene.as_html(), encoding="utf-8")
+        write_whole_text(path, self._server.scene.as_html())
 
     def _add_camera(self, view: PosedImages) -> None:
         camera = view.camera.intrinsics

@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
+from oaisys_core.files.whole_files import whole_file
 from oaisys_mapping.voxels.block_cache import BlockCache
 from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS, VOXELS, BlockCoordinates, VoxelField
 from oaisys_mapping.voxels.config import TsdfConfig
-from oaisys_mapping.whole_files import whole_file
 
 FORMAT = "oaisys tsdf 1"
 

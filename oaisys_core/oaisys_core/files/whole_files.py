@@ -1,0 +1,55 @@
+"""Files that are complete under their name, or unchanged, whenever the program is killed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from oaisys_core.system.leftovers import remove_when_killed
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield the path of an empty temporary file that replaces ``path`` if the block succeeds.
+
+    Raises:
+        OSError: It could not be made or renamed, or ``path`` is a device, a pipe or a folder, which
+            a file must not replace; ``path`` is unchanged.
+    """
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    with remove_when_killed(part):
+        try:
+            _require_file(path)
+            _make_anew(part)
+            yield part
+            part.replace(path)
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+
+
+def write_whole_text(path: Path, text: str) -> None:
+    """Write UTF-8 text to a file, see `whole_file`."""
+    with whole_file(path) as part:
+        part.write_bytes(text.encode())
+
+
+def _require_file(path: Path) -> None:
+    """Raise `OSError` where a file must not replace what is at ``path``, such as /dev/null."""
+    with suppress(FileNotFoundError):
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "it exists, and is no regular file", str(path))
+        if path.is_symlink() and path.parent.resolve() == Path("/dev"):  # such as /dev/stdout
+            raise OSError(errno.EINVAL, "it is a name of the system", str(path))
+
+
+def _make_anew(part: Path) -> None:
+    """Make an empty file; a link that somebody else put there is removed, not followed."""
+    part.unlink(missing_ok=True)
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+    os.close(os.open(part, flags, 0o666))
