@@ -21,6 +21,7 @@ from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.lamps import LampObjects
 from oaisys_core.render.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.render.blender.objects.sky import Lights
+from oaisys_core.render.blender.precision import check_precision
 from oaisys_core.render.geometry_pass import (
     BackgroundGeometry,
     PoseMemory,
@@ -129,6 +130,9 @@ class BlenderBackend(Backend):
         surface = self._require_built()
         self.samples_per_pixel = None
         self.exposures_ev = {}
+        for camera in cameras:
+            if COLORS.intersection(camera.modalities):
+                check_precision(surface, camera)
         if any(COLORS.intersection(camera.modalities) for camera in cameras):
             yield from self._with_colors(cameras, settings, progress)
         elif frames := self._geometry(cameras, progress):
