@@ -41,9 +41,10 @@ def check_precision(surface: Surface, camera: PlacedCamera) -> None:
     nearest_m = _nearest_m(surface, camera)
     if nearest_m >= least_m:
         return
+    shift_px = focal_px * spacing_m / nearest_m
     expected = (
         f"a pose nearer to the origin of map: there, 32-bit coordinates are {spacing_m:.2g} m"
-        f" apart, which at a surface {nearest_m:.3g} m away is {focal_px * spacing_m / nearest_m:.2g}"
+        f" apart, which at a surface {nearest_m:.3g} m away is {shift_px:.2g}"
         f" pixels of the colour of {camera.name!r}, more than {MAX_SHIFT_PX}"
     )
     raise InvalidInputError("pose.position", [float(each) for each in position_m], expected)
