@@ -28,6 +28,13 @@ MAX_BOXES = 5_000
 MAX_VISIBLE_SHARE = 0.7
 """If instances may be visible in a larger share of the pixels, all rays are cast at them."""
 
+MAX_LAYERS = 10_000
+"""Of cut-outs that a ray may go through."""
+
+BEYOND = 4e-7
+"""How far behind a hole a ray goes on, as a share of the coordinates there: a few steps of the
+float32 in which triangles are found."""
+
 MIN_DEPTH_SHARE = 1e-3
 """Least depth of a box's corners, as a share of its size, for its image to be bounded."""
 
@@ -59,6 +66,8 @@ class InstanceTarget(RayTarget):
         self.T_object_map = _inverse(self.T_map_object)
         self.low_m, self.high_m = self._bounds()
         self.top_m = float(self.high_m[:, 2].max())
+        self._has_cut_outs = np.array([mesh.textures.has_cut_outs for mesh in self.meshes])
+        self._has_textures = any(mesh.textures.has_any for mesh in self.meshes)
 
     @abstractmethod
     def find(
@@ -84,9 +93,74 @@ class InstanceTarget(RayTarget):
         shape = directions.shape[:-1]
         best = np.full(shape, np.inf).ravel() if limits is None else limits.astype(float).ravel()
         found = np.full(best.shape, NO_ELEMENT, dtype=np.int64)
-        self.find(origins_m, directions.reshape(-1, 3), best, found)
+        limits = best.copy()
+        directions = directions.reshape(-1, 3)
+        self.find(origins_m, directions, best, found)
+        if self._has_cut_outs.any():
+            self._pass_holes(origins_m, directions, limits, best, found)
         best[found == NO_ELEMENT] = np.inf
         return best.reshape(shape), found.reshape(shape)
+
+    def _pass_holes(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        limits: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """Replace hits in the holes of cut-outs, in place, by the first ones behind them."""
+        rays = np.flatnonzero(found != NO_ELEMENT)
+        origins_m = np.broadcast_to(origins_m, directions.shape)
+        steps = np.ones(len(best))
+        for _ in range(MAX_LAYERS):
+            points_m = origins_m[rays] + best[rays, None] * directions[rays]
+            is_hole = ~self._is_solid(found[rays], points_m)
+            rays, points_m = rays[is_hole], points_m[is_hole]
+            if not len(rays):
+                return
+            reach_m = np.abs(points_m).max(axis=1) + np.abs(points_m - origins_m[rays]).max(axis=1)
+            lengths_m = np.linalg.norm(directions[rays], axis=1)
+            beyond = best[rays] + BEYOND * steps[rays] * reach_m / lengths_m
+            rest = limits[rays] - beyond
+            before, next_found = found[rays], np.full(len(rays), NO_ELEMENT, dtype=np.int64)
+            starts_m = origins_m[rays] + beyond[:, None] * directions[rays]
+            self.find(starts_m, directions[rays], rest, next_found)
+            # The same triangle once more: the step was too short for its slope.
+            steps[rays] = np.where(next_found == before, 2 * steps[rays], 1.0)
+            best[rays], found[rays] = beyond + rest, next_found
+            rays = rays[next_found != NO_ELEMENT]
+
+    def _is_solid(self, elements: NDArray[np.int64], points_m: FloatArray) -> NDArray[np.bool_]:
+        """Return (N,) whether elements have a surface at (N, 3) points in ``map`` on them."""
+        solid = np.ones(len(elements), np.bool_)
+        instances = self._instances_of(elements)
+        cut = np.flatnonzero(self._has_cut_outs[self.groups[instances]])
+        for group, numbers in self.by_group(instances[cut]):
+            rows = cut[numbers]
+            triangles, points = self._in_objects(elements[rows], points_m[rows])
+            solid[rows] = self.meshes[group].textures.is_solid(triangles, points)
+        return solid
+
+    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray | None:
+        """See `RayTarget`."""
+        if not self._has_textures:
+            return None
+        albedo = np.full(points_m.shape, np.nan)
+        for group, rows in self.by_group(self._instances_of(elements)):
+            textures = self.meshes[group].textures
+            if textures.has_any:
+                albedo[rows] = textures.albedo(*self._in_objects(elements[rows], points_m[rows]))
+        return albedo
+
+    def _in_objects(
+        self, elements: NDArray[np.int64], points_m: FloatArray
+    ) -> tuple[NDArray[np.int64], FloatArray]:
+        """Return the triangles of elements, and points in ``map`` in their objects' frames."""
+        instances = self._instances_of(elements)
+        T = self.T_object_map[instances]
+        points = matvec(T[:, :3, :3], points_m) + T[:, :3, 3]
+        return elements - self.first[instances], points
 
     def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
         """See `RayTarget`."""

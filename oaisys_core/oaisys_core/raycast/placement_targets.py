@@ -71,11 +71,14 @@ class PlacementTargets:
         self._merged = None
         if not placed:
             return []
-        triangles = sum(each.triangle_count for each in placed)
-        if self._embree is None and triangles <= MERGED_TRIANGLES:
-            self._merged = TriangleTarget([each.merge() for each in placed])
-            return [self._merged]
-        return [self._instances(placed)]
+        plain = [each for each in placed if not each.mesh.textures.has_any]
+        triangles = sum(each.triangle_count for each in plain)
+        if self._embree is not None or not plain or triangles > MERGED_TRIANGLES:
+            return [self._instances(placed)]
+        self._merged = TriangleTarget([each.merge() for each in plain])
+        # Colours and cut-outs are looked up by instance.
+        textured = [each for each in placed if each.mesh.textures.has_any]
+        return [self._merged, *([self._instances(textured)] if textured else [])]
 
     def _instances(self, placed: Sequence[PlacedPrototype]) -> RayTarget:
         if self._embree is None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.raycast.mesh_textures import MeshTextures
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.scene import MeshPrototype, Placement, id_of_level
 from oaisys_core.types import FloatArray, TriangleMesh
@@ -20,6 +21,7 @@ class PrototypeMesh:
 
     def __init__(self, prototype: MeshPrototype) -> None:
         self.prototype = prototype
+        self.textures = MeshTextures(prototype)
 
     @property
     def triangle_count(self) -> int:

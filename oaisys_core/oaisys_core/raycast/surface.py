@@ -286,6 +286,16 @@ class Surface:
         normals[away] *= -1
         return normals
 
+    def own_albedo(self, view: View) -> FloatArray:
+        """Return the (H, W, 3) linear albedo where objects have images; elsewhere NaN."""
+        albedo = np.full(view.points_m.shape, np.nan)
+        for index in np.unique(view.targets[view.instance_ids > 0]).tolist():
+            seen = (view.targets == index) & (view.instance_ids > 0)
+            found = self._targets[index].albedo_of(view.elements[seen], view.points_m[seen])
+            if found is not None:
+                albedo[seen] = found
+        return albedo
+
     def height_m(self, xy_m: FloatArray) -> FloatArray:
         """Return the (N,) heights of the topmost surface at (N, 2) points, NaN where there is none.
 

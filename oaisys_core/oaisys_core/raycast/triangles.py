@@ -69,6 +69,13 @@ class RayTarget(ABC):
         Those of triangles without area are 0.
         """
 
+    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray | None:
+        """Return the (N, 3) linear albedo of (N,) elements at (N, 3) points on them.
+
+        NaN where an element has no textures of its own; None: none of them has.
+        """
+        return None
+
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is nothing."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)

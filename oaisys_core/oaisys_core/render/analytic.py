@@ -37,8 +37,9 @@ from oaisys_core.types import (
 class AnalyticBackend(Backend):
     """Casts rays at the scene itself: closed forms where there are some, else its triangles.
 
-    Colour has no textures and no shadows: Lambert's law under sun, sky and lamps, with the mean
-    colour of each texture. Quality, samples and bounces do not matter to it; exposure does.
+    Colour has no shadows: Lambert's law under sun, sky and lamps, with the images of meshes from
+    files and the mean colour of all other textures. Quality, samples and bounces do not matter to
+    it; exposure does.
     """
 
     name = "analytic"
@@ -147,7 +148,7 @@ def _colors(
     """Return the frames of a view that show colours, and note the exposure of its picture."""
     frames = []
     if RGB in camera.modalities:
-        radiance = shade(view, surface.normals(view), palette, surface.scene)
+        radiance = shade(view, palette, surface)
         if settings.white_balance == "illuminant":
             radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
         exposure_ev = settings.exposure_ev
@@ -160,5 +161,5 @@ def _colors(
         image = with_effects(image, settings.effects, camera.intrinsics, rng)
         frames.append(frame_of(camera, RGB, image))
     if ALBEDO in camera.modalities:
-        frames.append(frame_of(camera, ALBEDO, encode_srgb(palette.albedo(view))))
+        frames.append(frame_of(camera, ALBEDO, encode_srgb(palette.albedo(view, surface))))
     return tuple(frames)

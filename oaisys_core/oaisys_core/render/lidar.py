@@ -9,7 +9,7 @@ Photogrammetry and Remote Sensing 62, 2007)::
 with reflectance rho, angle of incidence theta, range R and the lidar's reference range R0, up to
 which receivers even out the range. rho is the mean of red, green and blue of the surface's linear
 albedo, because textures say nothing about the infrared: of the ground's texture over the width of
-the beam, or the mean of an object's texture.
+the beam, of the image of a mesh from a file, or the mean of another object's texture.
 
 **Two returns.** With beam divergence, five rays stand for the beam: its axis and four on the rim of
 its cone, each with a fifth of the energy. The nearest hit makes the first return, at the mean range
@@ -172,7 +172,7 @@ def _hits(
     normals = surface.normals(view)[:, 0]
     cos_incidence = np.abs(np.einsum("ni,ni->n", normals, view.directions[:, 0]))
     width_m = view.depth_m[:, 0] * lidar.beam_divergence_rad
-    return rays, Hits(view, normals, reflectance.at(view, width_m), cos_incidence)
+    return rays, Hits(view, normals, reflectance.at(view, width_m, surface), cos_incidence)
 
 
 def _ray_returns(

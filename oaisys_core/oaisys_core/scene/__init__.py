@@ -8,7 +8,15 @@ from __future__ import annotations
 from oaisys_core.scene.description import Scene, stands_on
 from oaisys_core.scene.ground import Ground, HeightField
 from oaisys_core.scene.lamps import Lamp
-from oaisys_core.scene.objects import MeshPrototype, Placement, Primitive, WaterSurface, WheelTracks
+from oaisys_core.scene.objects import (
+    MeshMaterial,
+    MeshPrototype,
+    Placement,
+    Primitive,
+    WaterSurface,
+    WheelTracks,
+    Wrap,
+)
 from oaisys_core.scene.placed_sensors import (
     Lens,
     LidarErrors,
@@ -37,6 +45,7 @@ __all__ = [
     "Lens",
     "LidarErrors",
     "MacroVariation",
+    "MeshMaterial",
     "MeshPrototype",
     "PbrMaps",
     "PlacedCamera",
@@ -52,6 +61,7 @@ __all__ = [
     "TerrainMaterial",
     "WaterSurface",
     "WheelTracks",
+    "Wrap",
     "id_of_level",
     "stands_on",
 ]

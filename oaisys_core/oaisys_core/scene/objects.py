@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,34 @@ class WaterSurface(ShortRepr):
     waves: float
 
 
+Wrap = Literal["repeat", "clamp", "mirror"]
+"""How an image goes on outside of its edges."""
+
+
+@dataclass(frozen=True, repr=False)
+class MeshMaterial(ShortRepr):
+    """The colour of some of a mesh's triangles, and where they are cut out.
+
+    The linear colour is that of the image, or ``color_srgb`` without one, times the colour of the
+    vertices, if the mesh has any. Images are interpolated between the centres of their pixels.
+
+    Attributes:
+        name: That in its file.
+        color_srgb: Uniform colour, 0 to 1.
+        color_image_srgb: (H, W, 3) uint8, first row on top; None without an image.
+        opacity: (H, W) uint8, of any size; None: nothing is cut out.
+        cutoff: The surface is where the opacity, 0 to 255, is at least this; nothing hits the rest.
+        wrap: Of both images, along u and v.
+    """
+
+    name: str = ""
+    color_srgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    color_image_srgb: NDArray[np.uint8] | None = None
+    opacity: NDArray[np.uint8] | None = None
+    cutoff: float = 127.5
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+
+
 @dataclass(frozen=True, repr=False)
 class MeshPrototype(ShortRepr):
     """A mesh of which the world may contain many instances.
@@ -43,6 +72,8 @@ class MeshPrototype(ShortRepr):
         color_image_srgb: (H, W, 3) uint8, first row on top; used instead of vertex colours.
         translucency: (V,) uint8, with ``vertex_colors_srgb``: by 255, the share of scattered light
             that leaves on the other side, as through leaves; None for none.
+        materials: Used instead of ``color_image_srgb`` and ``color_srgb``, with ``uv``.
+        material_of: (T,) uint16 index into ``materials`` of each triangle; None: the first.
         water: How it reflects and hides the bottom, if it is water.
         dust_m: Height above the ground up to which the ground's dust lies on it, at a scale of 1.
     """
@@ -56,8 +87,19 @@ class MeshPrototype(ShortRepr):
     uv: NDArray[np.float32] | None = None
     color_image_srgb: NDArray[np.uint8] | None = None
     translucency: NDArray[np.uint8] | None = None
+    materials: tuple[MeshMaterial, ...] = ()
+    material_of: NDArray[np.uint16] | None = None
     water: WaterSurface | None = None
     dust_m: float = 0.0
+
+    @property
+    def image_materials(self) -> tuple[MeshMaterial, ...]:
+        """Its materials, or the one of ``color_image_srgb``; none if a texture set is on it."""
+        if self.maps is not None:
+            return ()
+        if self.materials or self.uv is None or self.color_image_srgb is None:
+            return self.materials
+        return (MeshMaterial(self.name, color_image_srgb=self.color_image_srgb),)
 
 
 @dataclass(frozen=True, repr=False)

@@ -66,7 +66,8 @@ def _of_uri(uri: str) -> dict[str, Any]:
         return {scheme: rest}
     path = unquote(urlparse(uri).path) if scheme == "file" else uri
     if path.rpartition(".")[2].lower() in MESH_FORMATS and "://" not in path:
-        return {"file": path}
+        # The pose of an entity is that of its own frame.
+        return {"file": path, "anchor": "origin"}
     expected = f"shape:NAME, prototype:NAME or a file of {', '.join(MESH_FORMATS)}"
     raise UnsupportedFormatError("uri", uri, expected)
 

@@ -113,3 +113,10 @@ LINKS: dict[str, Callable[[Any, Path], None]] = {
     "reading_node": _reading_node,
     "bake": _bake,
 }
+
+
+def render_sample(config: Mapping[str, Any], metadata: ModuleMetadata) -> dict[str, Any]:
+    """The images of a sample by modality."""
+    simulation = Simulation(config_from_mapping(config))
+    simulation.step_batch()
+    return {frame.modality: frame.data for frame in simulation.step_sample(metadata).frames}

@@ -24,6 +24,7 @@ from oaisys_core.files.path_fields import ConfigFile
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 Quaternion = tuple[float, float, float, float]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+Anchor = Literal["origin", "base"]
 
 
 def unit_quaternion(value: Quaternion) -> Quaternion:
@@ -38,9 +39,10 @@ class ShapedConfig(Labelled):
 
     Attributes:
         shape: Built-in shape, see ``oaisys_core.procedural.scatter.shapes``.
-        file: A .obj, .glb, .gltf, .ply, .stl or .blend file; scripts in it are never run.
+        file: A .obj, .glb, .gltf, .ply, .stl, .blend, .dae or USD file; its scripts never run.
         object_name: Name of the object in a file with several; None for all of them.
-        up_axis: Axis of the file that points up; None for that of the format.
+        up_axis: Axis of the file that points up. None: y in .glb and .gltf, what COLLADA and USD
+            files say, and z in all others, as in ROS's tools; Blender takes .obj files as y up.
         texture: Built-in texture set projected onto it; None uses ``rock_texture`` for rocks and
             the shape's own colours for all others.
         tile_m: Edge length of a tile of the texture; None uses ``rock_tile_m``.
@@ -66,7 +68,10 @@ class PlacedObjectConfig(ShapedConfig):
     """An object at a fixed pose.
 
     Attributes:
-        position_m, quat_xyzw: Pose of the centre of its base in ``map``.
+        position_m, quat_xyzw: Pose in ``map`` of its anchor.
+        anchor: The point of a file's mesh that is placed: ``base`` is the centre of the bottom of
+            its bounding box, ``origin`` that of the file's coordinates. Built-in shapes have their
+            origin at their base.
         on_ground: Whether z is relative to the ground below.
         scale: Factor on its own size in metres; rocks and plants are 1 m large.
         hidden: Whether it is invisible; it keeps its instance id.
@@ -75,6 +80,7 @@ class PlacedObjectConfig(ShapedConfig):
     position_m: Position
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     on_ground: bool = False
+    anchor: Anchor = "base"
     scale: Scale = 1.0
     hidden: bool = False
 
@@ -137,6 +143,7 @@ class MoverConfig(ShapedConfig):
         trajectory: The poses at each sample.
         on_ground: Whether its height and tilt follow the ground; otherwise they come from the
             waypoints or the CSV file.
+        anchor: The point of a file's mesh that moves along: see `PlacedObjectConfig`.
         scale: Factor on its own size in metres.
         hidden: Whether it is invisible; it keeps its instance id.
     """
@@ -144,5 +151,6 @@ class MoverConfig(ShapedConfig):
     name: Name
     trajectory: TrajectoryConfig
     on_ground: bool = True
+    anchor: Anchor = "base"
     scale: Scale = 1.0
     hidden: bool = False

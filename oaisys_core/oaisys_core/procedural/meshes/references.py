@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,16 @@ from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.files.mesh_headers import MAX_BYTES
 from oaisys_core.files.references import resolve_reference
 
+LOG = logging.getLogger(__name__)
+
 IMAGE_SUFFIXES = frozenset(
     (
         *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga", ".dds"),
         *(".ktx", ".ktx2", ".exr", ".hdr", ".eps", ".ppm", ".pgm", ".psd"),
     )
 )
+
+LACKING = "what it colours has a plain colour"
 
 
 class FileReferences:
@@ -32,7 +37,7 @@ class FileReferences:
         self.refused: InvalidInputError | None = None
 
     def get(self, name: str) -> bytes:
-        """Return the content of a file.
+        """Return the content of a file; the log says which one is missing.
 
         Raises:
             InvalidInputError: It lies elsewhere, or is too large.
@@ -46,7 +51,22 @@ class FileReferences:
         except InvalidInputError as error:
             self.refused = self.refused or error
             raise
+        except OSError:
+            LOG.warning("%s: %r, which it refers to, is missing: %s", self._file, name, LACKING)
+            raise
         return data
+
+    def find(self, name: str) -> bytes | None:
+        """Return the content of a file likewise; None: it is not there."""
+        try:
+            return self.get(name)
+        except OSError:
+            return None
+
+    def peek(self, name: str) -> bytes | None:
+        """Return the content of a file if it is there, else None without a word."""
+        path = self._file.parent / name
+        return self.find(name) if path.is_file() else None
 
     def _content(self, path: Path) -> bytes:
         try:

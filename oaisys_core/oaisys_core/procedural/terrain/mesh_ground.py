@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.meshes.checks import MAX_COORDINATE, local_origin
-from oaisys_core.procedural.meshes.files import LoadedMesh
+from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh
 

@@ -1,4 +1,4 @@
-"""Reads a mesh from a .blend file: ``python -m oaisys_core.render.blender.blend_program``.
+"""Reads a mesh from a file by Blender: ``python -m oaisys_core.render.blender.blend_program``.
 
 It runs in a separate process, so that the file cannot change the rendered scene or crash the
 simulator. It may read the file's own folder and the asset roots, and nothing else but what Python
@@ -27,9 +27,9 @@ def main() -> None:
     limit_access(folders, Path(task["out"]).parent)
     import numpy as np
 
-    from oaisys_core.render.blender.objects.blend_files import read_blend
+    from oaisys_core.render.blender.objects.blend_files import read_by_blender
 
-    np.savez(task["out"], **read_blend(Path(task["file"]), task["object_name"], folders))
+    np.savez(task["out"], **read_by_blender(Path(task["file"]), task["object_name"], folders))
 
 
 if __name__ == "__main__":

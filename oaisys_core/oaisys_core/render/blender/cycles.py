@@ -15,6 +15,7 @@ from oaisys_core.render.blender.compat import DIFFUSE_COLOR
 from oaisys_core.render.blender.cycles_render import render_scene
 from oaisys_core.render.blender.devices import use_device
 from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.mesh_materials import CUT_OUT_LAYERS, has_cut_outs
 from oaisys_core.render.blender.postprocessing import (
     BACKGROUND_M,
     CYCLES_WIDTH_PX,
@@ -174,6 +175,8 @@ class Cycles:
         self._prepare_pattern(settings.samples)
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
             wanted[f"{kind}_bounces"] = settings.max_bounces
+        if has_cut_outs():
+            wanted["transparent_max_bounces"] = max(CUT_OUT_LAYERS, settings.max_bounces)
         try:
             return render_scene(wanted)
         except RenderError:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import linear
 from oaisys_core.procedural.textures.borders import gumbel_heights, relief_weights
-from oaisys_core.raycast.surface import View
+from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.shading.shading import Palette
 from oaisys_core.scene import PbrMaps, Scene, TerrainLayer
 from oaisys_core.types import FloatArray
@@ -33,7 +33,9 @@ class TextureLevels(NamedTuple):
 
 
 class Reflectance:
-    """Looks up the ground's textures; objects have the mean colour of theirs.
+    """Looks up the textures of the ground, and the images of meshes from files.
+
+    All other objects have the mean colour of theirs.
 
     The reflectance is the mean of red, green and blue of the linear albedo. Textures are averaged
     over the width of a beam. Where layers of the ground meet, the border follows their relief, as
@@ -55,18 +57,19 @@ class Reflectance:
         self._palette.update(scene)
         self._scene = scene
 
-    def at(self, view: View, width_m: FloatArray) -> FloatArray:
+    def at(self, view: View, width_m: FloatArray, surface: Surface | None = None) -> FloatArray:
         """Return the (N,) reflectance of a view of one column, 0 where nothing was hit.
 
         Args:
             view: What N rays see.
+            surface: Which they were cast at; None: only the ground's reflectance is wanted.
             width_m: (N,) widths of the beams where they meet the surface.
         """
         found = np.zeros(len(view.depth_m))
         on_object = np.flatnonzero(view.instance_ids[:, 0] > 0)
-        if len(on_object):
-            ids = view.instance_ids[on_object, 0]
-            found[on_object] = self._palette.albedo_of_objects(ids).mean(axis=1)
+        if len(on_object) and surface is not None:
+            albedo = self._palette.albedo_of_objects(view.rows(on_object), surface)
+            found[on_object] = albedo[:, 0].mean(axis=1)
         ground = np.flatnonzero(view.is_ground[:, 0])
         if len(ground):
             found[ground] = self._of_ground(view.points_m[ground, 0, :2], width_m[ground])

@@ -14,9 +14,9 @@ from oaisys_core.procedural.environment.light import (
     sky_irradiance_w_m2,
     veil_radiance,
 )
-from oaisys_core.raycast.surface import InstanceTable, View
+from oaisys_core.raycast.surface import InstanceTable, Surface, View
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
-from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
+from oaisys_core.scene import MeshMaterial, MeshPrototype, PbrMaps, Scene
 from oaisys_core.scene.sky import Haze, Sky, gradient_radiance, texels_at
 from oaisys_core.types import FloatArray
 
@@ -39,7 +39,7 @@ class Palette:
         of_primitives = [linear(p.color_srgb) for p in scene.primitives]
         self._of_instance = InstanceTable(scene, of_placements, of_primitives, np.float64)
 
-    def albedo(self, view: View) -> FloatArray:
+    def albedo(self, view: View, surface: Surface) -> FloatArray:
         """Return the (H, W, 3) linear albedo of a view, 0 where nothing was hit."""
         albedo = np.zeros_like(view.points_m)
         ground_xy_m = view.points_m[view.is_ground][:, :2]
@@ -49,12 +49,16 @@ class Palette:
         albedo[view.is_ground] = of_ground
         on_object = view.instance_ids > 0
         if on_object.any():
-            albedo[on_object] = self.albedo_of_objects(view.instance_ids[on_object])
+            albedo[on_object] = self.albedo_of_objects(view, surface)[on_object]
         return albedo
 
-    def albedo_of_objects(self, instance_ids: NDArray[np.uint32]) -> FloatArray:
-        """Return the (..., 3) linear albedo of objects by their ids, 0 for id 0."""
-        return np.asarray(self._of_instance(instance_ids))
+    def albedo_of_objects(self, view: View, surface: Surface) -> FloatArray:
+        """Return the (H, W, 3) linear albedo of objects in a view, 0 elsewhere.
+
+        It is that of their images, if they have any, else their mean colour.
+        """
+        own = surface.own_albedo(view)
+        return np.where(np.isnan(own), self._of_instance(view.instance_ids), own)
 
     def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
         if isinstance(thing, MeshPrototype) and thing.maps is not None:
@@ -66,16 +70,17 @@ class Palette:
         return self._means[id(thing)][1]
 
 
-def shade(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> FloatArray:
+def shade(view: View, palette: Palette, surface: Surface) -> FloatArray:
     """Return the (H, W, 3) radiance of a view; 1 is white at 0 EV.
 
     It is albedo / π times the irradiance of sun, sky and lamps. The sky is a uniform hemisphere, of
     which a vertical wall receives half.
     """
+    scene, normals = surface.scene, surface.normals(view)
     sky = scene.sky
     sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
     sky_w_m2 = sky_irradiance_w_m2(sky) @ LUMINANCE * (1 + normals[..., 2]) / 2
-    albedo, seen = palette.albedo(view), view.is_hit
+    albedo, seen = palette.albedo(view, surface), view.is_hit
     radiance = albedo * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
     if scene.lamps:
         lamps_w_m2 = lamp_irradiance_w_m2(scene.lamps, view.points_m[seen], normals[seen])
@@ -89,11 +94,17 @@ def shade(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> Fl
 
 def prototype_color(prototype: MeshPrototype) -> FloatArray:
     """Return the (3,) mean linear colour of a prototype without a texture set."""
-    if prototype.color_image_srgb is not None and prototype.uv is not None:
-        return _mean_of_bytes(prototype.color_image_srgb)
+    if prototype.image_materials:
+        return np.mean([_material_color(each) for each in prototype.image_materials], axis=0)
     if prototype.vertex_colors_srgb is not None:
         return _mean_of_bytes(prototype.vertex_colors_srgb)
     return linear(prototype.color_srgb)
+
+
+def _material_color(material: MeshMaterial) -> FloatArray:
+    if material.color_image_srgb is None:
+        return linear(material.color_srgb)
+    return _mean_of_bytes(material.color_image_srgb)
 
 
 def mean_color(maps: PbrMaps) -> FloatArray:

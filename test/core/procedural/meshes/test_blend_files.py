@@ -12,7 +12,7 @@ from blender_process import in_blender
 
 from oaisys_core.errors import CancelledError, InvalidInputError
 from oaisys_core.files.path_fields import AssetRoots, confine_paths
-from oaisys_core.procedural.meshes import files
+from oaisys_core.procedural.meshes import blender_files
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.system.interruption import interruptible
 
@@ -85,14 +85,14 @@ def test_files_beside_it_and_in_the_asset_roots_are_read(folder: Path) -> None:
 def test_a_file_that_takes_too_long_is_given_up_and_then_refused_at_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "BLEND_REQUEST_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(blender_files, "BLEND_REQUEST_TIMEOUT_S", 0.1)
     file = folder / "root" / "slow.blend"
     file.write_bytes((folder / "root" / "driver.blend").read_bytes())
     with confine_paths(AssetRoots((folder / "root",))):
         with pytest.raises(InvalidInputError, match=r"loads within 0\.1 s"):
             load_mesh(file)
         assert not psutil.Process().children()
-        monkeypatch.setattr(files, "BLEND_REQUEST_TIMEOUT_S", 60.0)
+        monkeypatch.setattr(blender_files, "BLEND_REQUEST_TIMEOUT_S", 60.0)
         with pytest.raises(InvalidInputError, match="loads within 60 s"):
             load_mesh(file)
 

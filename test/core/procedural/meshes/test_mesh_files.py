@@ -118,8 +118,7 @@ def test_a_blend_file_is_read_evaluated_and_its_scripts_never_run(tmp_path: Path
     assert len(tall.triangles) == 12, "the modifier doubles it"
     np.testing.assert_allclose(tall.vertices_m.min(axis=0), (10, 0, 0), atol=1e-5)
     np.testing.assert_allclose(tall.vertices_m.max(axis=0), (12, 1, 3), atol=1e-5)
-    assert tall.vertex_colors_srgb is not None
-    assert (tall.vertex_colors_srgb == (255, 0, 0)).all()
+    assert [each.color_srgb for each in tall.materials] == [pytest.approx((1, 0, 0))]
     assert len(load_mesh(path).triangles) == 18
     with pytest.raises(InvalidInputError, match=r"'gone', expected .*small, tall"):
         load_mesh(path, "gone")

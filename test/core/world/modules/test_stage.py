@@ -14,7 +14,7 @@ from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
 from oaisys_core.output import exr
-from oaisys_core.procedural.meshes.files import LoadedMesh
+from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata

@@ -12,7 +12,7 @@ from oaisys_core.color import linear
 from oaisys_core.render.blender.compat import node_tree_of
 from oaisys_core.render.blender.materials.contact import with_dust
 from oaisys_core.render.blender.materials.haze import through_haze, without_light_sampling
-from oaisys_core.render.blender.materials.images import BYTE, ImageStore, new_image
+from oaisys_core.render.blender.materials.images import BYTE, ImageStore
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.render.blender.objects.instances import SIZE
 from oaisys_core.render.shading.shading import mean_color
@@ -35,7 +35,7 @@ THROUGH_LEAF = (1.15, 1.1, 0.6)
 chlorophyll and carotenes absorb blue on the longer way."""
 
 PAINT = "paint"
-"""Name of a mesh's colour attribute or UV map."""
+"""Name of a mesh's colour attribute."""
 
 ROUGHNESS = 0.5
 
@@ -149,17 +149,12 @@ def show(tree: NodeTree, surface: Socket, airlight: Socket, height_m: Socket = N
 
 
 def color_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
-    """Return a material of a prototype's own colours, stored in its mesh; None without any."""
-    if prototype.color_image_srgb is not None and prototype.uv is not None:
-        result = new_material(prototype.name)
-        tree = NodeTree(node_tree_of(result))
-        color = _from_picture(tree, prototype, mesh)
-    elif prototype.vertex_colors_srgb is not None:
-        result = new_material(prototype.name)
-        tree = NodeTree(node_tree_of(result))
-        color = _from_vertices(tree, prototype, mesh)
-    else:
+    """Return a material of a prototype's vertex colours, stored in its mesh; None without any."""
+    if prototype.vertex_colors_srgb is None:
         return None
+    result = new_material(prototype.name)
+    tree = NodeTree(node_tree_of(result))
+    color = _from_vertices(tree, prototype, mesh)
     if prototype.translucency is not None:
         _show_leaves(tree, color)
         return result
@@ -179,17 +174,6 @@ def _show_leaves(tree: NodeTree, color: Socket) -> None:
     behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]
     share = tree.add("Attribute", attribute_name=PAINT).outputs["Alpha"]
     show(tree, tree.mix(share, surface, behind), airlight)
-
-
-def _from_picture(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
-    rgb = np.asarray(prototype.color_image_srgb)
-    layer = mesh.uv_layers.new(name=PAINT)
-    layer.uv.foreach_set("vector", np.ascontiguousarray(prototype.uv, np.float32).ravel())
-    pixels = np.ones((*rgb.shape[:2], 4), dtype=np.float32)
-    np.multiply(rgb[::-1], BYTE, out=pixels[..., :3])
-    image = new_image(prototype.name, pixels, is_float=False, is_color=True)
-    place = tree.add("UVMap", uv_map=PAINT).outputs[0]
-    return tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
 
 
 def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:

@@ -1,10 +1,11 @@
-"""Reads a mesh from a .blend file, in a process of its own, `blend_program`.
+"""Reads a mesh from a .blend, COLLADA or USD file, in a process of its own, `blend_program`.
 
 Scripts and drivers of Python in the file are not run.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,22 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import encode_srgb
-from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
+from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
+from oaisys_core.render.blender.objects.blend_materials import BlendMaterial, read_material
+
+RANDOM_CELL = 1e-3
+"""Size of the cells, in a texture's coordinates, of the noise that replaces random numbers."""
 
 READING_NODES = "GeometryNodeImport"
 """Start of the names of geometry nodes that read files, whose paths may be computed."""
 
 
-def read_blend(path: Path, object_name: str, folders: tuple[Path, ...]) -> dict[str, NDArray[Any]]:
+def read_by_blender(
+    path: Path, object_name: str, folders: tuple[Path, ...]
+) -> dict[str, NDArray[Any]]:
     """Return the mesh of the named object, or of all objects merged if ``object_name`` is empty.
 
     Args:
@@ -30,36 +37,53 @@ def read_blend(path: Path, object_name: str, folders: tuple[Path, ...]) -> dict[
         folders: Where the files that it refers to may lie, links resolved.
 
     Returns:
-        ``vertices_m``, ``triangles`` and, if present, ``uv``, ``color_image_srgb`` and
-        ``vertex_colors_srgb``, as in `oaisys_core.procedural.meshes.files.LoadedMesh`; or only
-        ``names``, of the objects with triangles, if none has that name. ``outside`` alone is the
-        name of a file elsewhere to which it refers.
+        Arrays of `mesh_to_arrays`, and ``warnings``; or only ``names``, of the objects with
+        triangles, if none has that name. Alone are also: ``outside``, the name of a file elsewhere
+        to which it refers; ``random``, what would be expected of objects whose shape is drawn anew
+        each time; ``importer``, that Blender cannot read the format.
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
-    with bpy.data.libraries.load(str(path), link=False) as (source, target):
-        target.objects = list(source.objects)
+    failed = _load(path)
+    if failed is not None:
+        return {"importer": np.array(failed)}
     outside = _outside(path, folders)
     if outside is not None:
         return {"outside": np.array(outside)}
-    things = [thing for thing in target.objects if thing is not None]
-    for thing in things:
-        bpy.context.scene.collection.objects.link(thing)
-    parts = {thing.name: _arrays(thing) for thing in things if thing.type == "MESH"}
-    parts = {name: part for name, part in parts.items() if len(part["triangles"])}
-    chosen = [part for name, part in parts.items() if object_name in ("", name)]
-    if not chosen:
-        return {"names": np.array(sorted(parts), dtype=np.str_)}
-    if len(chosen) == 1:
-        return chosen[0]
-    starts = np.cumsum([0] + [len(part["vertices_m"]) for part in chosen[:-1]])
-    return {
-        "vertices_m": np.concatenate([part["vertices_m"] for part in chosen]),
-        "triangles": np.concatenate(
-            [p["triangles"] + np.int32(s) for p, s in zip(chosen, starts, strict=True)]
-        ),
-        "vertex_colors_srgb": np.concatenate([_plain_colors(part) for part in chosen]),
-    }
+    warnings = replace_random_textures()
+    things = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
+    chosen = [thing for thing in things if object_name in ("", thing.name)]
+    random = _drawn_anew(chosen)
+    if random is not None:
+        return {"random": np.array(random)}
+    parts = [part for part in (_part(thing, warnings) for thing in chosen) if len(part.triangles)]
+    if not parts:
+        found = [_part(thing, []) for thing in things if thing not in chosen]
+        names = sorted(part.name for part in found if len(part.triangles))
+        return {"names": np.array(names, dtype=np.str_)}
+    texts = np.array(list(dict.fromkeys(warnings)), dtype=np.str_)
+    return {**mesh_to_arrays(merge_parts(path.stem, parts)), "warnings": texts}
+
+
+def _load(path: Path) -> str | None:
+    """Add a file's objects to the scene, or return why Blender cannot."""
+    suffix = path.suffix.lower()
+    if suffix == ".blend":
+        with bpy.data.libraries.load(str(path), link=False) as (source, target):
+            target.objects = list(source.objects)
+        for thing in target.objects:
+            if thing is not None:
+                bpy.context.scene.collection.objects.link(thing)
+        return None
+    name = "collada_import" if suffix == ".dae" else "usd_import"
+    if name not in dir(bpy.ops.wm):
+        version = bpy.app.version_string
+        return (
+            f"Blender {version} reads no {suffix} files (COLLADA: up to 4.5); save it as .glb, for"
+            " example with Blender 4.5"
+        )
+    getattr(bpy.ops.wm, name)(filepath=str(path))
+    return None
 
 
 def _outside(path: Path, folders: tuple[Path, ...]) -> str | None:
@@ -82,28 +106,114 @@ def _outside(path: Path, folders: tuple[Path, ...]) -> str | None:
     return next((str(n.bl_label) for n in nodes if n.bl_idname.startswith(READING_NODES)), None)
 
 
-def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
+def replace_random_textures() -> list[str]:
+    """Make textures that are drawn anew at each evaluation the same each time; return warnings.
+
+    Blender's Noise texture takes its numbers from the clock. Noise of tiny cells has the same
+    spread.
+    """
+    warnings = []
+    for texture in bpy.data.textures:
+        if texture.type == "NOISE":
+            texture.type = "CLOUDS"
+            # The type of the Python object changes with that of the texture.
+            same = bpy.data.textures[texture.name]
+            same.noise_basis, same.noise_scale, same.noise_depth = "CELL_NOISE", RANDOM_CELL, 0
+            warnings.append(
+                f"texture {same.name!r} (Noise) has other values each time; noise that repeats"
+                " stands in, always the same"
+            )
+    return warnings
+
+
+def _drawn_anew(things: list[Any]) -> str | None:
+    """Return what is expected instead of objects whose shape differs when evaluated twice."""
+    before = {thing.name: _evaluated_vertices(thing) for thing in things}
+    for thing in things:
+        thing.update_tag()
+        if thing.data is not None:
+            thing.data.update_tag()
+    bpy.context.view_layer.update()
+    for thing in things:
+        after = _evaluated_vertices(thing)
+        if not np.array_equal(before[thing.name], after):
+            names = [
+                f"{modifier.name!r}" + (f" (texture {texture.name!r})" if texture else "")
+                for modifier in thing.modifiers
+                for texture in [getattr(modifier, "texture", None)]
+            ]
+            return (
+                f"objects with the same shape each time, not {thing.name!r}: apply its modifiers"
+                f" {', '.join(names)} in Blender"
+            )
+    return None
+
+
+def _evaluated_vertices(thing: Any) -> NDArray[np.float32]:
+    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    vertices = _fill(evaluated.to_mesh().vertices, "co", 3)
+    evaluated.to_mesh_clear()
+    return vertices
+
+
+def _part(thing: Any, warnings: list[str]) -> LoadedMesh:
     """Return an object's evaluated mesh in the file's world frame."""
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
-    local = _fill(mesh.vertices, "co", 3)
     T = np.array(evaluated.matrix_world, np.float64)
-    found: dict[str, NDArray[Any]] = {
-        "vertices_m": transform_points(T, local),
-        "triangles": _fill(mesh.loop_triangles, "vertices", 3, np.int32),
-    }
+    triangles = _fill(mesh.loop_triangles, "vertices", 3, np.int32)
+    if np.linalg.det(T[:3, :3]) < 0:
+        triangles = np.ascontiguousarray(triangles[:, ::-1])
+    bare = LoadedMesh(thing.name, transform_points(T, _fill(mesh.vertices, "co", 3)), triangles)
     corners = _fill(mesh.loop_triangles, "loops", 3, np.int32)
-    image = _base_image(thing)
-    if image is not None and mesh.uv_layers.active is not None:
-        found["uv"] = _fill(mesh.uv_layers.active.data, "uv", 2)[corners]
-        found["color_image_srgb"] = image
-    elif mesh.color_attributes.active_color is not None:
-        found["vertex_colors_srgb"] = _vertex_colors(mesh)
-    elif (color := _base_color(thing)) is not None:
-        found["vertex_colors_srgb"] = np.tile(color, (len(local), 1))
+    which = np.empty(len(triangles), np.int32)
+    mesh.loop_triangles.foreach_get("material_index", which)
+    slots = [slot.material for slot in thing.material_slots] or [None]
+    which = np.clip(which, 0, len(slots) - 1)
+    used = np.unique(which).tolist()
+    materials = {index: read_material(slots[index], warnings) for index in used}
+    colors = None
+    if mesh.color_attributes.active_color is not None:
+        colors = _vertex_colors(mesh)
+    found = _with_materials(bare, mesh, corners, which, materials, colors)
     evaluated.to_mesh_clear()
+    if np.linalg.det(T[:3, :3]) < 0 and found.uv is not None:
+        found = replace(found, uv=np.ascontiguousarray(found.uv[:, ::-1]))
     return found
+
+
+def _with_materials(
+    bare: LoadedMesh,
+    mesh: Any,
+    corners: NDArray[np.int32],
+    which: NDArray[np.int32],
+    materials: dict[int, BlendMaterial],
+    colors: NDArray[np.uint8] | None,
+) -> LoadedMesh:
+    """Return a mesh with its materials, or with its vertex colours if these say all there is."""
+    if all(each.is_plain or each.has_vertex_colors for each in materials.values()):
+        if colors is not None:
+            return replace(bare, vertex_colors_srgb=colors)
+        if len(materials) == 1 and next(iter(materials.values())).material.name == "none":
+            return bare
+    uv = np.zeros((len(which), 3, 2), np.float32)
+    order = list(materials)
+    for index in order:
+        rows = np.flatnonzero(which == index)
+        of_map = mesh.uv_layers.get(materials[index].uv_map) or mesh.uv_layers.active
+        if of_map is not None:
+            at = _fill(of_map.data, "uv", 2)[corners[rows]].reshape(-1, 2).astype(np.float64)
+            at = at @ materials[index].transform[:, :2].T + materials[index].transform[:, 2]
+            uv[rows] = at.reshape(-1, 3, 2)
+    painted = any(each.has_vertex_colors for each in materials.values())
+    return replace(
+        bare,
+        uv=uv if len(mesh.uv_layers) else None,
+        vertex_colors_srgb=colors if painted else None,
+        materials=tuple(materials[index].material for index in order),
+        material_of=np.searchsorted(order, which).astype(np.uint16),
+    )
 
 
 def _fill(items: Any, name: str, width: int, dtype: Any = np.float32) -> NDArray[Any]:
@@ -123,44 +233,3 @@ def _vertex_colors(mesh: Any) -> NDArray[np.uint8]:
         np.add.at(total, vertex, values)
         values = total / np.maximum(np.bincount(vertex, minlength=len(total)), 1)[:, None]
     return np.asarray(np.rint(np.clip(values, 0, 1) * 255), np.uint8)
-
-
-def _find_principled(thing: Any) -> Any:
-    """Return the first principled shader among an object's materials, or None."""
-    for slot in thing.material_slots:
-        tree = slot.material.node_tree if slot.material is not None else None
-        for node in tree.nodes if tree is not None else ():
-            if node.type == "BSDF_PRINCIPLED":
-                return node
-    return None
-
-
-def _base_image(thing: Any) -> NDArray[np.uint8] | None:
-    shader = _find_principled(thing)
-    links = shader.inputs["Base Color"].links if shader is not None else ()
-    image = links[0].from_node.image if links and links[0].from_node.type == "TEX_IMAGE" else None
-    if image is None or (not image.has_data and not image.pixels):
-        return None
-    width, height = image.size
-    MESH_TEXTURE.check(width, height, image.name)
-    pixels = np.empty(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(pixels)
-    rgb = pixels.reshape(height, width, -1)[::-1, :, :3]
-    return np.ascontiguousarray(np.rint(np.clip(rgb, 0, 1) * 255).astype(np.uint8))
-
-
-def _base_color(thing: Any) -> NDArray[np.uint8] | None:
-    shader = _find_principled(thing)
-    if shader is None:
-        return None
-    return encode_srgb(np.array(shader.inputs["Base Color"].default_value[:3]))
-
-
-def _plain_colors(part: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
-    count = len(part["vertices_m"])
-    if "vertex_colors_srgb" in part:
-        return part["vertex_colors_srgb"]
-    if "color_image_srgb" in part:
-        mean = part["color_image_srgb"].reshape(-1, 3).mean(axis=0)
-        return np.tile(mean.round().astype(np.uint8), (count, 1))
-    return np.full((count, 3), 128, np.uint8)

@@ -11,6 +11,7 @@ from mathutils import Matrix
 
 from oaisys_core.raycast.solids import tessellate
 from oaisys_core.render.blender.materials.images import ImageStore
+from oaisys_core.render.blender.materials.mesh_materials import add_materials
 from oaisys_core.render.blender.materials.surfaces import (
     color_material,
     paint_vertices,
@@ -168,7 +169,10 @@ class SceneObjects:
     def _mesh(self, prototype: MeshPrototype) -> Any:
         if id(prototype) not in self._meshes:
             mesh = new_mesh(prototype.name, prototype.vertices_m, prototype.triangles, smooth=True)
-            mesh.materials.append(self._material(prototype, mesh))
+            if prototype.image_materials and prototype.water is None:
+                add_materials(prototype, mesh)
+            else:
+                mesh.materials.append(self._material(prototype, mesh))
             # Keeps the mesh while no object shows it.
             mesh.use_fake_user = True
             self._meshes[id(prototype)] = (prototype, mesh)

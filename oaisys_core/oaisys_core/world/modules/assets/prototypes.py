@@ -10,15 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.config.sections.objects import ShapedConfig
+from oaisys_core.config.sections.objects import (
+    Anchor,
+    MoverConfig,
+    PlacedObjectConfig,
+    ShapedConfig,
+)
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.procedural.meshes.files import (
     R_Z_UP_FROM_Y_UP,
     Y_UP_SUFFIXES,
-    LoadedMesh,
     load_mesh,
 )
+from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.scatter.groups import size_classes_m
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.scatter.shapes import check_shape, make_shape
@@ -47,7 +52,7 @@ class PrototypeLibrary:
         self._rock_texture, self._tile_m = rock_texture, tile_m
         self._size_px, self._seed = size_px, seed
         self._maps: dict[tuple[str, float], PbrMaps] = {}
-        self._files: dict[tuple[Path, str | None, str | None], MeshPrototype] = {}
+        self._files: dict[tuple[Path, str | None, str | None, Anchor], MeshPrototype] = {}
 
     def check(self, config: ShapedConfig, field: str) -> None:
         """Raise on shapes and textures that do not exist, and on files without a mesh.
@@ -103,8 +108,7 @@ class PrototypeLibrary:
 
     def _color(self, look: MeshPrototype, config: ShapedConfig) -> MeshPrototype:
         if config.color_srgb is not None:
-            bare = replace(look, vertex_colors_srgb=None, uv=None, color_image_srgb=None)
-            return replace(bare, color_srgb=config.color_srgb)
+            return _of_one_color(look, config.color_srgb)
         texture = config.texture
         if texture is None and config.shape in ROCK_KINDS:
             texture = self._rock_texture
@@ -122,17 +126,25 @@ class PrototypeLibrary:
         path = config.file
         if path is None:
             raise InvalidInputError(field, path, "a file")
-        key = (path, config.object_name, config.up_axis)
+        is_placed = isinstance(config, PlacedObjectConfig | MoverConfig)
+        anchor: Anchor = config.anchor if is_placed else "origin"
+        key = (path, config.object_name, config.up_axis, anchor)
         if key not in self._files:
             mesh = load_mesh(path, config.object_name, field)
+            if path.suffix.lower() == ".obj" and config.up_axis is None:
+                LOG.info("%s: .obj files do not say which axis is up: z is taken (up_axis)", path)
+            vertices_m = _upright(_near_origin(mesh, path), path, config.up_axis)
+            if anchor == "base":
+                vertices_m = (vertices_m - _base_of(vertices_m)).astype(np.float32)
             self._files[key] = MeshPrototype(
                 name=mesh.name,
-                vertices_m=_upright(_near_origin(mesh, path), path, config.up_axis),
+                vertices_m=vertices_m,
                 triangles=mesh.triangles,
-                color_srgb=_mean_color(mesh.vertex_colors_srgb, mesh.color_image_srgb),
+                color_srgb=_mean_color(mesh.vertex_colors_srgb),
                 vertex_colors_srgb=mesh.vertex_colors_srgb,
                 uv=mesh.uv,
-                color_image_srgb=mesh.color_image_srgb,
+                materials=mesh.materials,
+                material_of=mesh.material_of,
             )
         return self._files[key]
 
@@ -168,14 +180,26 @@ def _of_size_1(look: MeshPrototype) -> MeshPrototype:
     size_m = float((high - low).max())
     if abs(size_m - 1) < 1e-5 and abs(low[2]) < 0.2:
         return look
-    base = np.array(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+    base = _base_of(look.vertices_m)
     return replace(look, vertices_m=((look.vertices_m - base) / size_m).astype(np.float32))
 
 
-def _mean_color(
-    vertex_colors: NDArray[np.uint8] | None, image: NDArray[np.uint8] | None
-) -> tuple[float, float, float]:
-    colors = image if image is not None else vertex_colors
+def _base_of(vertices_m: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the (3,) centre of the bottom of the vertices' bounding box."""
+    low, high = (np.asarray(edge, np.float64) for edge in (vertices_m.min(0), vertices_m.max(0)))
+    return np.array(((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]))
+
+
+def _of_one_color(look: MeshPrototype, color: tuple[float, float, float]) -> MeshPrototype:
+    """Return a mesh of another, uniform colour; what is cut out of it stays so."""
+    bare = replace(look, vertex_colors_srgb=None, color_image_srgb=None, color_srgb=color)
+    if all(each.opacity is None for each in look.materials):
+        return replace(bare, uv=None, materials=(), material_of=None)
+    recolored = [replace(m, color_srgb=color, color_image_srgb=None) for m in look.materials]
+    return replace(bare, materials=tuple(recolored))
+
+
+def _mean_color(colors: NDArray[np.uint8] | None) -> tuple[float, float, float]:
     if colors is None:
         return (0.5, 0.5, 0.5)
     red, green, blue = colors.reshape(-1, 3).mean(axis=0) / 255

@@ -1,0 +1,136 @@
+"""Meshes of .blend, COLLADA and USD files, which Blender reads in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import logging
+import subprocess
+import time
+from collections import OrderedDict
+from pathlib import Path
+from typing import IO, Any
+
+from numpy.typing import NDArray
+
+from oaisys_core.errors import BackendUnavailableError, InvalidInputError
+from oaisys_core.files.arrays import load_arrays
+from oaisys_core.files.mesh_headers import MAX_VERTICES
+from oaisys_core.files.path_fields import is_confined
+from oaisys_core.files.references import folders_of, outside_error
+from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32
+from oaisys_core.procedural.meshes.mesh_arrays import mesh_from_arrays
+from oaisys_core.system.interruption import stop_if_unwanted
+from oaisys_core.system.leftovers import temporary_folder
+from oaisys_core.system.python_programs import python_command, python_environment
+
+LOG = logging.getLogger(__name__)
+
+BLENDER_SUFFIXES = (".blend", ".dae", ".usd", ".usda", ".usdc", ".usdz")
+
+BLEND_TIMEOUT_S = 120.0
+"""For a file that the configuration names."""
+
+BLEND_REQUEST_TIMEOUT_S = 15.0
+"""For one that a request names: other clients wait as long."""
+
+MAX_BLEND_BYTES = 4_000_000_000
+"""Size of the arrays of a mesh."""
+
+MAX_SLOW = 64
+LOOK_S = 0.05
+_slow: OrderedDict[tuple[Path, int, int], None] = OrderedDict()
+"""Files that took too long, with their time and size: they are refused at once."""
+
+
+def load_by_blender(path: Path, object_name: str | None, field: str) -> LoadedMesh | list[str]:
+    """Return the mesh of a file that Blender reads, or of one object in it.
+
+    Args:
+        path: The file.
+        object_name: Name of the object; None for all objects.
+        field: Name of the file's field in errors.
+
+    Returns:
+        The mesh; or the names of all objects with triangles, if none has that name.
+
+    Raises:
+        InvalidInputError: The file cannot be read, refers to files elsewhere, or is drawn anew
+            each time.
+        BackendUnavailableError: ``bpy`` is not installed, or has no importer of the format.
+    """
+    with temporary_folder("oaisys-") as folder:
+        found = _read_blend(path, object_name, field, folder)
+    if "outside" in found:
+        raise outside_error(path, str(found["outside"]), field)
+    if "names" in found:
+        return [str(name) for name in found["names"].tolist()]
+    if "random" in found:
+        raise InvalidInputError(field, str(path), str(found["random"]))
+    if "importer" in found:
+        raise BackendUnavailableError(f"{field}: {path}: {found['importer']}")
+    for text in found["warnings"].tolist():
+        LOG.warning("%s: %s", path, text)
+    if max(len(found["vertices_m"]), len(found["triangles"])) > MAX_VERTICES:
+        expected = f"at most {MAX_VERTICES} vertices and triangles, not {len(found['triangles'])}"
+        raise InvalidInputError(field, str(path), expected)
+    check_mesh(found["vertices_m"], found["triangles"], path, field)
+    check_uv([found.get("uv")], path, field)
+    return as_float32(mesh_from_arrays(object_name or path.stem, found))
+
+
+def _read_blend(
+    path: Path, object_name: str | None, field: str, folder: Path
+) -> dict[str, NDArray[Any]]:
+    """Return what a process of its own finds in a file."""
+    out, log = folder / "mesh.npz", folder / "log"
+    time_s = BLEND_REQUEST_TIMEOUT_S if is_confined() else BLEND_TIMEOUT_S
+    task = {
+        "file": str(path.resolve()),
+        "object_name": object_name or "",
+        "out": str(out),
+        "folders": [str(each) for each in folders_of(path)],
+        "time_s": int(time_s) + 5,
+    }
+    command = python_command("oaisys_core.render.blender.blend_program", json.dumps(task))
+    status = path.stat()
+    version = (path.resolve(), status.st_mtime_ns, status.st_size)
+    expected = f"a {path.suffix} file that loads within {time_s:g} s"
+    if version in _slow:
+        raise InvalidInputError(field, str(path), expected)
+    with log.open("wb") as output:
+        try:
+            code = _code_of(command, output, folder, time_s)
+        except subprocess.TimeoutExpired as error:
+            _slow[version] = None
+            while len(_slow) > MAX_SLOW:
+                _slow.popitem(last=False)
+            raise InvalidInputError(field, str(path), expected) from error
+    lines = log.read_bytes()[-10_000:].decode(errors="replace").strip().splitlines()
+    said = next((line for line in reversed(lines) if "Error" in line), "no message")[:300]
+    if "BackendUnavailableError" in said or "No module named 'bpy'" in said:
+        raise BackendUnavailableError(f"{field}: {path} needs Blender: bpy is not installed")
+    if code or not out.exists():
+        raise InvalidInputError(field, str(path), f"a readable {path.suffix} file ({said})")
+    return load_arrays(out, MAX_BLEND_BYTES)
+
+
+def _code_of(command: list[str], output: IO[bytes], folder: Path, time_s: float) -> int:
+    """Run the reader and return its exit code; it is killed once nobody wants what it finds."""
+    environment = {**python_environment(), "TMPDIR": str(folder)}
+    process = subprocess.Popen(
+        command, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+    )
+    deadline_s = time.monotonic() + time_s
+    try:
+        while True:
+            stop_if_unwanted()
+            left_s = deadline_s - time.monotonic()
+            try:
+                return process.wait(min(max(left_s, 0.0), LOOK_S))
+            except subprocess.TimeoutExpired:
+                if left_s <= 0:
+                    raise
+    finally:
+        process.kill()
+        process.wait()
