@@ -120,3 +120,77 @@ def render_sample(config: Mapping[str, Any], metadata: ModuleMetadata) -> dict[s
     simulation = Simulation(config_from_mapping(config))
     simulation.step_batch()
     return {frame.modality: frame.data for frame in simulation.step_sample(metadata).frames}
+
+
+def save_textured_files(folder: str) -> None:
+    """Save files of Blender whose shape or colour is not simply in them."""
+    top = Path(folder)
+    for name, make in TEXTURED.items():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.mesh.primitive_grid_add(x_subdivisions=8, y_subdivisions=8, size=2)
+        make(bpy.context.object, top)
+        bpy.ops.wm.save_as_mainfile(filepath=str(top / f"{name}.blend"))
+    if "usd_export" in dir(bpy.ops.wm):
+        bpy.ops.wm.usd_export(filepath=str(top / "plain.usda"))
+    if "collada_export" in dir(bpy.ops.wm):
+        bpy.ops.wm.collada_export(filepath=str(top / "plain.dae"))
+
+
+def _noise(thing: Any, _: Path) -> None:
+    modifier = thing.modifiers.new("Bumps", "DISPLACE")
+    modifier.texture = bpy.data.textures.new("Random", "NOISE")
+
+
+def _shader(thing: Any) -> tuple[Any, Any, Any]:
+    """A new material's tree, its shader, and a node of a packed image: its upper half is red."""
+    material = bpy.data.materials.new("skin")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    shader = next(n for n in tree.nodes if n.type == "BSDF_PRINCIPLED")
+    thing.data.materials.append(material)
+    image = bpy.data.images.new("rock", 4, 4, alpha=True)
+    pixels = np.zeros((4, 4, 4), np.float32)
+    pixels[2:] = (1, 0, 0, 1)
+    pixels[:2] = (0, 0, 1, 0)
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    return tree, shader, node
+
+
+def _curves(thing: Any, _: Path) -> None:
+    tree, shader, node = _shader(thing)
+    curves = tree.nodes.new("ShaderNodeRGBCurve")
+    curves.name = "Darker"
+    tree.links.new(node.outputs["Color"], curves.inputs["Color"])
+    tree.links.new(curves.outputs["Color"], shader.inputs["Base Color"])
+
+
+def _leaf(thing: Any, _: Path) -> None:
+    tree, shader, node = _shader(thing)
+    tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+    tree.links.new(node.outputs["Alpha"], shader.inputs["Alpha"])
+
+
+def _procedural(thing: Any, _: Path) -> None:
+    tree, shader, _ = _shader(thing)
+    node = tree.nodes.new("ShaderNodeTexVoronoi")
+    node.name = "Cells"
+    tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+
+
+def _plain(thing: Any, _: Path) -> None:
+    _, shader, _ = _shader(thing)
+    shader.inputs["Base Color"].default_value = (0.064, 0.5, 0.2, 1.0)
+
+
+TEXTURED: dict[str, Callable[[Any, Path], None]] = {
+    "noise": _noise,
+    "curves": _curves,
+    "leaf": _leaf,
+    "procedural": _procedural,
+    "plain": _plain,
+}
+"""``plain`` is last, because the other formats are written of it."""
