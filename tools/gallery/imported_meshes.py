@@ -1,6 +1,6 @@
 """Meshes as people bring them, made by code: a rover of five textured materials, a leafy plant.
 
-    python -P -m tools.gallery.imported_meshes FOLDER
+    python -m tools.gallery.imported_meshes FOLDER
 
 writes ``rover.glb``, ``plant.glb`` and ``imports.yaml``, a world with both, for `oaisys render`.
 """
@@ -59,7 +59,8 @@ Part = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 def box(size_m: Sequence[float], at_m: Sequence[float]) -> Part:
     """Return a box, whose six faces each show the whole texture."""
     half = np.array(size_m) / 2
-    vertices, triangles, uv = [], [], []
+    vertices: list[NDArray[np.float64]] = []
+    triangles, uv = [], []
     for axis in range(3):
         for sign in (-1, 1):
             along, across = (axis + 1) % 3, (axis + 2) % 3

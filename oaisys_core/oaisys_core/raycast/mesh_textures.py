@@ -114,7 +114,7 @@ def interpolate(
     """
     places = []
     for axis, size in ((0, image.shape[1]), (1, image.shape[0])):
-        at = _wrapped(uv[:, axis], wrap[axis], size) * size - 0.5
+        at = _wrap(uv[:, axis], wrap[axis], size) * size - 0.5
         first = np.floor(at)
         index = first.astype(np.int64)
         places.append((index % size, (index + 1) % size, (at - first)[:, None]))
@@ -125,7 +125,7 @@ def interpolate(
     return np.asarray((1 - y) * ((1 - x) * a + x * b) + y * ((1 - x) * c + x * d))
 
 
-def _wrapped(at: FloatArray, wrap: Wrap, size: int) -> FloatArray:
+def _wrap(at: FloatArray, wrap: Wrap, size: int) -> FloatArray:
     """Return coordinates from 0 to 1 at which an image that repeats shows the same."""
     if wrap == "repeat":
         return np.asarray(at - np.floor(at))

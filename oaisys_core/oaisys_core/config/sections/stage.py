@@ -77,13 +77,14 @@ class DemConfig(Section):
 
 
 class StageMeshConfig(Section):
-    """A mesh as ground: .obj, .glb, .gltf, .ply, .stl or .blend; scripts are never run.
+    """A mesh as ground: .obj, .glb, .gltf, .ply, .stl, .blend, .dae or USD; scripts never run.
 
     Attributes:
         file: The file.
         object: Name of the object in the file; None for all of them.
         scale: Metres per unit of the file.
-        up: Axis that points up, after y-up formats were rotated to z up.
+        up: Axis that points up, after .glb and .gltf (y up) and COLLADA and USD (as they say) were
+            rotated to z up; .obj files are taken as z up, as in ROS's tools.
         position_m: Position of its origin.
     """
 

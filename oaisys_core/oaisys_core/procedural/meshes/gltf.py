@@ -113,6 +113,7 @@ def _nodes(document: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray, tuple
     else:
         below = {child for node in nodes for child in node.get("children", ())}
         roots = [index for index in range(len(nodes)) if index not in below]
+    left: list[tuple[int, FloatArray, tuple[int, ...]]]
     left = [(int(index), np.eye(4), ()) for index in reversed(roots)]
     while left:
         index, T_parent, above = left.pop()

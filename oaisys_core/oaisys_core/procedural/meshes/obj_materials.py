@@ -142,7 +142,7 @@ class ObjMaterials:
         colors, alpha = image
         if alpha is not None and alpha.min() < alpha.max():
             return alpha
-        return np.rint(colors.mean(axis=2)).astype(np.uint8)
+        return np.asarray(np.rint(colors.mean(axis=2)), np.uint8)
 
 
 def add_library_line(text: bytes) -> BytesIO:

@@ -84,7 +84,7 @@ def _parts(
     """Return the objects of a file, with the names by which each can be chosen."""
     import trimesh
 
-    parts = []
+    parts: list[tuple[tuple[str, ...], LoadedMesh]] = []
     for node in scene.graph.nodes_geometry:
         T, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]
@@ -110,7 +110,7 @@ def _uv(mesh: Any) -> Any:
     return None if uv is None else np.asarray(uv, np.float64)
 
 
-def _colored(bare: LoadedMesh, mesh: Any) -> LoadedMesh:
+def _with_vertex_colors(bare: LoadedMesh, mesh: Any) -> LoadedMesh:
     """Return a mesh with the vertex colours that its file has, if any."""
     if mesh.visual.kind not in ("vertex", "face"):
         return bare
@@ -122,8 +122,9 @@ def _with_image(name: str, mesh: Any) -> LoadedMesh:
     bare, uv = _bare(name, mesh), _uv(mesh)
     image = getattr(getattr(mesh.visual, "material", None), "image", None)
     if image is None or uv is None:
-        return _colored(bare, mesh)
-    MESH_TEXTURE.check(*image.size, "a mesh's texture")
+        return _with_vertex_colors(bare, mesh)
+    width, height = image.size
+    MESH_TEXTURE.check(width, height, "a mesh's texture")
     material = MeshMaterial(name, color_image_srgb=split_image(image)[0])
     at = uv.astype(np.float32)[bare.triangles]
     return LoadedMesh(name, bare.vertices_m, bare.triangles, at, materials=(material,))
@@ -135,7 +136,7 @@ def _with_obj_material(
     bare = _bare(name, mesh)
     found = materials.of(material)
     if found is None:
-        return _colored(bare, mesh)
+        return _with_vertex_colors(bare, mesh)
     uv = _uv(mesh)
     if uv is None:
         plain = MeshMaterial(found.material.name, found.material.color_srgb)

@@ -95,7 +95,8 @@ def shade(view: View, palette: Palette, surface: Surface) -> FloatArray:
 def prototype_color(prototype: MeshPrototype) -> FloatArray:
     """Return the (3,) mean linear colour of a prototype without a texture set."""
     if prototype.image_materials:
-        return np.mean([_material_color(each) for each in prototype.image_materials], axis=0)
+        colors = [_material_color(each) for each in prototype.image_materials]
+        return np.asarray(np.mean(colors, axis=0))
     if prototype.vertex_colors_srgb is not None:
         return _mean_of_bytes(prototype.vertex_colors_srgb)
     return linear(prototype.color_srgb)

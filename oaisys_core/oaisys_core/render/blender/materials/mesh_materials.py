@@ -87,8 +87,8 @@ def _lookup(
     place = tree.add("UVMap", uv_map=UV).outputs[0]
     if material.wrap != ("repeat", "repeat"):
         axes = zip(material.wrap, (rgb.shape[1], rgb.shape[0]), (0, 1), strict=True)
-        wrapped = [_wrap(tree, tree.component(place, axis), how, n) for how, n, axis in axes]
-        place = tree.combine(*wrapped, 0.0)
+        u, v = (_wrap(tree, tree.component(place, axis), how, n) for how, n, axis in axes)
+        place = tree.combine(u, v, 0.0)
     return tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
 
 

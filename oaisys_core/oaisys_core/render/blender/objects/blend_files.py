@@ -53,7 +53,7 @@ def read_by_blender(
     warnings = replace_random_textures()
     things = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
     chosen = [thing for thing in things if object_name in ("", thing.name)]
-    random = _drawn_anew(chosen)
+    random = _random_shape(chosen)
     if random is not None:
         return {"random": np.array(random)}
     parts = [part for part in (_part(thing, warnings) for thing in chosen) if len(part.triangles)]
@@ -126,16 +126,16 @@ def replace_random_textures() -> list[str]:
     return warnings
 
 
-def _drawn_anew(things: list[Any]) -> str | None:
+def _random_shape(things: list[Any]) -> str | None:
     """Return what is expected instead of objects whose shape differs when evaluated twice."""
-    before = {thing.name: _evaluated_vertices(thing) for thing in things}
+    before = {thing.name: _vertices(thing) for thing in things}
     for thing in things:
         thing.update_tag()
         if thing.data is not None:
             thing.data.update_tag()
     bpy.context.view_layer.update()
     for thing in things:
-        after = _evaluated_vertices(thing)
+        after = _vertices(thing)
         if not np.array_equal(before[thing.name], after):
             names = [
                 f"{modifier.name!r}" + (f" (texture {texture.name!r})" if texture else "")
@@ -149,7 +149,7 @@ def _drawn_anew(things: list[Any]) -> str | None:
     return None
 
 
-def _evaluated_vertices(thing: Any) -> NDArray[np.float32]:
+def _vertices(thing: Any) -> NDArray[np.float32]:
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
     vertices = _fill(evaluated.to_mesh().vertices, "co", 3)
     evaluated.to_mesh_clear()

@@ -188,8 +188,10 @@ def _opacity(
         return None
     colors, alpha = pixels
     values = alpha if found.socket == "Alpha" else np.rint(colors.mean(axis=2)).astype(np.uint8)
-    values = 255 - values if inverted and values is not None else values
-    return None if values is None else cut_out(values, 1.0, 0.5, where, is_mask=True)
+    if values is None:
+        return None
+    opacity = np.asarray(255 - values if inverted else values, np.uint8)
+    return cut_out(opacity, 1.0, 0.5, where, is_mask=True)
 
 
 def _transparent_input(mixed: Any) -> int:

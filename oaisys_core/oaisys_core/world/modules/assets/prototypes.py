@@ -126,8 +126,9 @@ class PrototypeLibrary:
         path = config.file
         if path is None:
             raise InvalidInputError(field, path, "a file")
-        is_placed = isinstance(config, PlacedObjectConfig | MoverConfig)
-        anchor: Anchor = config.anchor if is_placed else "origin"
+        anchor: Anchor = "origin"
+        if isinstance(config, PlacedObjectConfig | MoverConfig):
+            anchor = config.anchor
         key = (path, config.object_name, config.up_axis, anchor)
         if key not in self._files:
             mesh = load_mesh(path, config.object_name, field)
