@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
-from oaisys_core.raycast.triangles import NO_ELEMENT, RayTarget, unit
+from oaisys_core.raycast.triangles import NO_ELEMENT, RayTarget, exact_distances, unit
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
@@ -113,12 +113,14 @@ class InstanceTarget(RayTarget):
         rays = np.flatnonzero(found != NO_ELEMENT)
         origins_m = np.broadcast_to(origins_m, directions.shape)
         steps = np.ones(len(best))
+        passed = np.zeros(len(best), np.bool_)
         for _ in range(MAX_LAYERS):
             points_m = origins_m[rays] + best[rays, None] * directions[rays]
             is_hole = ~self._is_solid(found[rays], points_m)
             rays, points_m = rays[is_hole], points_m[is_hole]
             if not len(rays):
-                return
+                break
+            passed[rays] = True
             reach_m = np.abs(points_m).max(axis=1) + np.abs(points_m - origins_m[rays]).max(axis=1)
             lengths_m = np.linalg.norm(directions[rays], axis=1)
             beyond = best[rays] + BEYOND * steps[rays] * reach_m / lengths_m
@@ -130,6 +132,30 @@ class InstanceTarget(RayTarget):
             steps[rays] = np.where(next_found == before, 2 * steps[rays], 1.0)
             best[rays], found[rays] = beyond + rest, next_found
             rays = rays[next_found != NO_ELEMENT]
+        behind = np.flatnonzero(passed & (found != NO_ELEMENT))
+        best[behind] = self._refine(
+            best[behind], found[behind], origins_m[behind], directions[behind]
+        )
+
+    def _refine(
+        self,
+        distances: FloatArray,
+        elements: NDArray[np.int64],
+        origins_m: FloatArray,
+        directions: FloatArray,
+    ) -> FloatArray:
+        """Return exact distances to the planes of elements, from the rays' own origins."""
+        instances = self._instances_of(elements)
+        triangles = elements - self.first[instances]
+        T = self.T_object_map[instances]
+        corners, normals = np.empty((2, len(elements), 3))
+        for group, rows in self.by_group(instances):
+            first, normal = self.meshes[group].planes
+            corners[rows], normals[rows] = first[triangles[rows]], normal[triangles[rows]]
+        origins = matvec(T[:, :3, :3], origins_m) + T[:, :3, 3]
+        return exact_distances(
+            distances, corners, normals, origins, matvec(T[:, :3, :3], directions)
+        )
 
     def _is_solid(self, elements: NDArray[np.int64], points_m: FloatArray) -> NDArray[np.bool_]:
         """Return (N,) whether elements have a surface at (N, 3) points in ``map`` on them."""

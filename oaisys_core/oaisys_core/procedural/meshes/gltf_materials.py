@@ -124,7 +124,7 @@ class GltfMaterials:
         else:
             uri = str(image.get("uri", ""))
             data = data_of_uri(uri) or self._get(uri)
-        return None if data is None else decode_texture(data)
+        return None if data is None else decode_texture(data, f"{self._name}: image {source}")
 
     def _wrap(self, texture: Mapping[str, Any] | None) -> tuple[Wrap, Wrap]:
         if texture is None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb, linear
+from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr
@@ -126,12 +127,19 @@ def as_float32(mesh: LoadedMesh) -> LoadedMesh:
     return replace(mesh, vertices_m=mesh.vertices_m.astype(np.float32))
 
 
-def decode_texture(data: bytes) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Return the (H, W, 3) colours and the (H, W) alpha, if any, of a checked image's file."""
+def decode_texture(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Return the (H, W, 3) colours and the (H, W) alpha, if any, of a checked image's file.
+
+    Raises:
+        InvalidInputError: It cannot be decoded; the error has its name.
+    """
     from PIL import Image
 
-    with Image.open(io.BytesIO(data)) as image:
-        return split_image(image)
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            return split_image(image)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise MESH_TEXTURE.refusal(name, error) from error
 
 
 def split_image(image: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:

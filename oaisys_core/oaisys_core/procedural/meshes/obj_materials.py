@@ -130,7 +130,7 @@ class ObjMaterials:
     def _image(self, file: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None:
         if file not in self._images:
             data = self._references.find(file)
-            self._images[file] = None if data is None else decode_texture(data)
+            self._images[file] = None if data is None else decode_texture(data, file)
         found: tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None = self._images[file]
         return found
 
