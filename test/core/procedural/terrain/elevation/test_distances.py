@@ -79,6 +79,7 @@ def geographic(case: Case) -> pyproj.CRS:
     if case.crs == ROTATED_POLE:
         return pyproj.CRS("EPSG:4326")
     base = pyproj.CRS.from_user_input(case.crs).geodetic_crs
+    assert base is not None
     return pyproj.crs.GeographicCRS(datum=base.datum)
 
 
@@ -102,8 +103,8 @@ def write_hills(path: Path, case: Case) -> np.ndarray:
     ) as file:
         file.write(np.float32(height_m), 1)
     c, r = np.array(HILLS, float).T + 0.5
-    places = transform.a * c + transform.c, transform.e * r + transform.f
-    return np.stack(to_crs.transform(*places[::order], direction="INVERSE"), axis=1)
+    first, second = (transform.a * c + transform.c, transform.e * r + transform.f)[::order]
+    return np.stack(to_crs.transform(first, second, direction="INVERSE"), axis=1)
 
 
 def hills_of(ground: HeightField) -> np.ndarray:
@@ -131,6 +132,7 @@ def test_distances_are_those_on_the_body(tmp_path: Path, name: str) -> None:
     config = DemConfig(file=tmp_path / "hills.tif", offset_m=0.0, **units)
     ground = import_dem(config).ground
     geod = geographic(case).get_geod()
+    assert geod is not None
     places = hills_of(ground)
     middle = np.array(case.middle)
     turn = []

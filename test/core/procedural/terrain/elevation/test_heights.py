@@ -25,7 +25,7 @@ FEET = from_origin(1_000_000, 200_000, 10, 10)
 def heights(rows: int = 24, cols: int = 30) -> np.ndarray:
     """Relief between 140 and 240, float32, never 0."""
     row, col = np.mgrid[:rows, :cols]
-    return np.float32(190 + 30 * np.sin(row / 5) + 20 * np.cos(col / 4))
+    return np.asarray(190 + 30 * np.sin(row / 5) + 20 * np.cos(col / 4), np.float32)
 
 
 def write(path: Path, values: np.ndarray, transform: Any = UTM, **more: Any) -> Path:
@@ -132,7 +132,7 @@ def test_rough_relief_is_no_void(tmp_path: Path, what: str) -> None:
         values[:, 20:] += 900
     elif what == "island":  # a mountain in a flat sea
         row, col = np.mgrid[:40, :40]
-        values = np.float32(np.maximum(0, 4000 - 600 * np.hypot(row - 20, col - 20)))
+        values = np.maximum(0, 4000 - 600 * np.hypot(row - 20, col - 20)).astype(np.float32)
     elif what == "trench":  # of a sea of integers, of which one is -9999
         values = np.linspace(-2000, -10_100, 1600).reshape(40, 40).round().astype(np.float32)
         values[10, 10] = -9999
@@ -172,7 +172,7 @@ def test_pictures_are_no_elevation_models(tmp_path: Path) -> None:
         file.write_colormap(1, {n: (n, 255 - n, 0, 255) for n in range(256)})
     with pytest.raises(InvalidInputError, match="palette"):
         read(palette)
-    colors = dict(zip("RGB", np.float32(random), strict=True))
+    colors = dict(zip("RGB", random.astype(np.float32), strict=True))
     exr.write_channels(tmp_path / "rgb.exr", colors)
     with pytest.raises(InvalidInputError, match="equal R, G and B"):
         read(tmp_path / "rgb.exr", spacing_m=1.0)
