@@ -93,7 +93,7 @@ def test_an_object_far_from_its_origin_keeps_its_form(
         {
             "assets": {
                 "objects": [
-                    {"name": "hill", "file": str(file), "position_m": [0, 0, 0]}
+                    {"name": "hill", "file": str(file), "anchor": "origin", "position_m": [0, 0, 0]}
                     | {"label": "hill", "semantic_id": 40}
                 ]
             }
@@ -114,7 +114,7 @@ def test_an_object_in_millimetres_stays_where_its_file_has_it(tmp_path: Path) ->
         {
             "assets": {
                 "objects": [
-                    {"name": "hill", "file": str(file), "position_m": [0, 0, 0]}
+                    {"name": "hill", "file": str(file), "anchor": "origin", "position_m": [0, 0, 0]}
                     | {"label": "hill", "semantic_id": 40}
                 ]
             }

@@ -134,7 +134,7 @@ class PrototypeLibrary:
             mesh = load_mesh(path, config.object_name, field)
             if path.suffix.lower() == ".obj" and config.up_axis is None:
                 LOG.info("%s: .obj files do not say which axis is up: z is taken (up_axis)", path)
-            vertices_m = _upright(_near_origin(mesh, path), path, config.up_axis)
+            vertices_m = _upright(_near_origin(mesh, path, anchor), path, config.up_axis)
             if anchor == "base":
                 vertices_m = (vertices_m - _base_of(vertices_m)).astype(np.float32)
             self._files[key] = MeshPrototype(
@@ -150,12 +150,12 @@ class PrototypeLibrary:
         return self._files[key]
 
 
-def _near_origin(mesh: LoadedMesh, path: Path) -> NDArray[np.float32]:
+def _near_origin(mesh: LoadedMesh, path: Path, anchor: Anchor) -> NDArray[np.float32]:
     """Return the vertices of a mesh, moved to the origin if they lie far from it."""
     origin = local_origin(mesh.vertices_m)
     size = float(np.ptp(mesh.vertices_m, axis=0).max())
     origin = np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
-    if origin.any():
+    if origin.any() and anchor == "origin":
         LOG.warning(
             "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
             path,

@@ -346,7 +346,7 @@ def test_a_users_mesh_is_scaled_for_a_group_and_kept_for_an_object(tmp_path: Pat
     (tmp_path / "wedge.obj").write_text("\n".join(corners + faces))
     file = {"file": str(tmp_path / "wedge.obj")}
     group = {"name": "wedges", "count": [3, 3]} | file | LABEL
-    thing = {"name": "wedge", "position_m": [0, 0, 0]} | file | LABEL
+    thing = {"name": "wedge", "position_m": [0, 0, 0], "anchor": "origin"} | file | LABEL
     turned = thing | {"name": "turned", "up_axis": "y"}
     stand = Stand({"groups": [group], "objects": [thing, turned]})
     scattered, kept, upright = (stand.world.prototypes[p.prototype] for p in stand.world.placements)
