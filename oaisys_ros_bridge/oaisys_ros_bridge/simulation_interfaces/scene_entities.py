@@ -31,6 +31,7 @@ _UNCHANGED_LOOK: dict[str, Any] = {
     **dict.fromkeys(("tile_m", "color_srgb")),
     "levels": [],
     "on_ground": False,
+    "anchor": "base",
     "scale": 1.0,
     "hidden": False,
 }

@@ -90,7 +90,20 @@ def test_a_texture_transform_moves_the_coordinates(tmp_path: Path) -> None:
     assert uv[1, 1] == (2.25, 1 - 0.5)
 
 
-def test_quantised_sparse_and_scaled_meshes_are_where_trimesh_finds_them(tmp_path: Path) -> None:
+def test_a_texture_is_rotated_as_blenders_importer_rotates_it(tmp_path: Path) -> None:
+    file = GltfFile()
+    texture = file.texture(np.zeros((2, 2, 3), np.uint8))
+    transform = {"rotation": 0.4, "offset": [0.1, 0.2], "scale": [1.5, 0.7]}
+    texture["extensions"] = {"KHR_texture_transform": transform}
+    file.square(base_color(baseColorTexture=texture))
+    uv = corner_uv(load_mesh(file.save(tmp_path / "a.gltf")))
+    # Of the nodes that Blender 4.5 makes of this file.
+    assert uv[0, 0] == pytest.approx((0.37259284, 0.1552573))
+    assert uv[1, 0] == pytest.approx((1.75418432, 0.73938482))
+    assert uv[1, 1] == pytest.approx((1.48159149, 1.3841275))
+
+
+def test_quantised_and_scaled_meshes_are_where_trimesh_finds_them(tmp_path: Path) -> None:
     file = GltfFile()
     file.square(base_color(baseColorFactor=[1, 0, 0, 1]))
     node = {"mesh": 0, "scale": [2, 3, -4], "translation": [1, 2, 3]}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 
@@ -82,6 +83,14 @@ def test_a_missing_library_picture_or_material_is_named(
         assert "no .mtl file has these materials, so they are grey: m" in caplog.text
         load(tmp_path, "", "mtllib away.mtl\nusemtl m\n" + SQUARE)
     assert "away.mtl" in caplog.text
+
+
+def test_a_picture_that_ends_too_early_is_refused_by_name(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 256, (32, 32, 3)).astype(np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "cut.png")
+    (tmp_path / "cut.png").write_bytes((tmp_path / "cut.png").read_bytes()[:1000])
+    with pytest.raises(InvalidInputError, match=r"cut\.png.*truncated"):
+        load(tmp_path, "newmtl m\nmap_Kd cut.png\n")
 
 
 def test_several_libraries_and_objects_are_read(tmp_path: Path) -> None:
