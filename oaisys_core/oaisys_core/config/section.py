@@ -15,9 +15,12 @@ from pydantic import (
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
+
+from oaisys_core.errors import quote
 
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
@@ -96,10 +99,27 @@ def is_unit_quaternion(quat: Sequence[float]) -> bool:
     return bool(abs(sum(v * v for v in quat) ** 0.5 - 1) <= 1e-3)
 
 
+def _has_truth_value(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_has_truth_value, value))
+    return isinstance(value, bool)
+
+
 class Section(BaseModel):
-    """Base of all sections; it refuses unknown keys and non-finite numbers."""
+    """Base of all sections; it refuses unknown keys, numbers not finite, and truth as numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_truth_values(cls, data: Any) -> Any:
+        """Refuse true and false, which YAML also reads from yes, no, on and off, as numbers."""
+        for name, value in data.items() if isinstance(data, dict) else ():
+            field = cls.model_fields.get(name)
+            kinds = repr(field and field.annotation)
+            if field and _has_truth_value(value) and "bool" not in kinds and "Any" not in kinds:
+                raise ValueError(f"{name} is {quote(value)}, expected no truth value")
+        return data
 
 
 class LabelConfig(Section):

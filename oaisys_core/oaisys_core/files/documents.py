@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import os
+import re
 import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -32,6 +33,9 @@ MAX_ROW_BYTES = 256
 """Mean size of a row in a CSV file."""
 
 _NUMBERS = tuple(f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "timestamp"))
+
+_OTHER_BASES = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-9]+)+(\.[0-9_]*)?)")
+"""Numbers with base 8 or 60 in YAML 1.1, which are others, or text, in YAML 1.2."""
 
 
 class DocumentError(ValueError):
@@ -76,10 +80,10 @@ def parse_json(text: str | bytes) -> Any:
     """Return the data in a JSON text.
 
     Raises:
-        ValueError: It is not JSON, or is nested more than `MAX_DEPTH` times.
+        ValueError: It is not JSON, has a key twice, or is nested more than `MAX_DEPTH` times.
     """
     try:
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=_without_repeats)
     except RecursionError:
         raise DocumentError(f"it is nested more than {MAX_DEPTH} times") from None
     # A text with fewer brackets than that cannot be nested deeper, and most have fewer.
@@ -118,11 +122,11 @@ def parse_plain_json(text: str) -> Any:
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise DocumentError(f"the key {quote(twice)} stands there twice")
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise DocumentError(f"the key {quote(name)} stands there twice")
+        found[name] = value
     return found
 
 
@@ -156,7 +160,7 @@ def parse_yaml(text: str) -> Any:
     """Return the data of the only document in a YAML text.
 
     Raises:
-        DocumentError: It is not YAML, or beyond the bounds of this module.
+        DocumentError: It is not YAML, has a key twice, or is beyond the bounds of this module.
     """
     return parse_yaml_with_lines(text)[0]
 
@@ -165,7 +169,7 @@ def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
     """Return the data of the only document in a YAML text, and its nodes, which know their lines.
 
     Raises:
-        DocumentError: It is not YAML, or beyond the bounds of this module.
+        DocumentError: It is not YAML, has a key twice, or is beyond the bounds of this module.
     """
     import yaml
 
@@ -178,6 +182,7 @@ def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
         if root is None:
             return None, None
         _check_expansion(root)
+        _check_repeats(root)
         # Merge keys change the nodes, which the caller wants as they are in the file.
         data = yaml.load(text, Loader=loader_class)  # noqa: S506
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
@@ -216,6 +221,11 @@ def _check_expansion(root: yaml.Node) -> None:
         if isinstance(node, yaml.ScalarNode):
             if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
                 raise DocumentError(f"line {line}: a number of more than {LONGEST_NUMBER} digits")
+            if node.tag in _NUMBERS[:2] and _OTHER_BASES.fullmatch(node.value):
+                raise DocumentError(
+                    f"line {line}: received {quote(node.value)}, which versions of YAML read"
+                    " differently, expected a number with base 10 or a text in quotes"
+                )
             return 1, 0
         sizes[id(node)] = None
         children = [measure(child) for child in _children(node)]
@@ -229,6 +239,32 @@ def _check_expansion(root: yaml.Node) -> None:
         return size, depth
 
     measure(root)
+
+
+def _check_repeats(root: yaml.Node) -> None:
+    """Raise if a mapping has a key twice; YAML 1.2, 3.2.1.3: keys are unique.
+
+    A key that a merge brings, too, is none: YAML says which of both counts.
+    """
+    import yaml
+
+    seen: set[int] = set()
+    nodes = [root]
+    while nodes:
+        node = nodes.pop()
+        if id(node) in seen or isinstance(node, yaml.ScalarNode):
+            continue
+        seen.add(id(node))
+        nodes.extend(_children(node))
+        if not isinstance(node, yaml.MappingNode):
+            continue
+        lines: dict[tuple[str, str], int] = {}
+        for key, _ in node.value:
+            name, line = (key.tag, str(key.value)), _line(key.start_mark)
+            if name in lines:
+                where = f"lines {lines[name]} and {line}" if lines[name] != line else f"line {line}"
+                raise DocumentError(f"the key {quote(name[1])} stands twice, on {where}")
+            lines[name] = line
 
 
 def _line(mark: Any) -> int:

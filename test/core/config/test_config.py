@@ -1,6 +1,7 @@
 """Configuration files: faults are told by line, path and value; defaults are the paper's."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,3 +116,16 @@ def test_adjusting_with_the_same_values_keeps_the_hash() -> None:
     config = SimulationConfig()
     same = adjust(config, seed=1, backend="blender", quality="standard")
     assert config_sha256(same) == config_sha256(config)
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        ({"stage": {"extent_m": True}}, "stage: extent_m is True"),
+        ({"assets": {"rocks": [{"count": [False, 2]}]}}, r"assets.rocks.0: count is \[False, 2\]"),
+    ],
+)
+def test_a_truth_value_is_no_number(data: dict[str, Any], told: str) -> None:
+    """YAML reads `yes` and `on` as true, which counted as 1."""
+    with pytest.raises(ConfigError, match=told):
+        config_from_mapping(data)

@@ -55,6 +55,46 @@ def test_hostile_yaml_is_refused_at_once(tmp_path: Path, what: str) -> None:
         load_steps(file)
 
 
+REPEATED = {
+    "a section": ("assets: {}\nstage: {}\nassets: {}\n", "'assets' stands twice, on lines 1 and 3"),
+    "in a list": ("a:\n- b: 1\n  c: 2\n  b: 1\n", "'b' stands twice, on lines 2 and 4"),
+    "in quotes": ('"a": 1\na: 2\n', "'a' stands twice, on lines 1 and 2"),
+    "on one line": ("a: {b: 1, b: 2}\n", "'b' stands twice, on line 1"),
+    "merges": ("a: &a {x: 1}\nb:\n  <<: *a\n  <<: *a\n", "'<<' stands twice, on lines 3 and 4"),
+    "behind an alias": ("a: &a {x: 1, x: 2}\nb: *a\n", "'x' stands twice, on line 1"),
+}
+
+
+@pytest.mark.parametrize(("text", "told"), REPEATED.values(), ids=REPEATED)
+def test_a_key_that_stands_twice_is_refused_with_its_lines(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    """The last one won: a whole section vanished."""
+    with pytest.raises(DocumentError, match=told):
+        parse_yaml(text)
+    file = tmp_path / "world.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=told):
+        load_config(file)
+
+
+def test_a_key_that_stands_twice_in_json_is_refused() -> None:
+    with pytest.raises(ValueError, match="'b' stands there twice"):
+        parse_json('{"a": [{"b": 1, "b": 1}]}')
+
+
+@pytest.mark.parametrize("number", ["010", "-07", "12:30", "1:30:00.5", "0_1"])
+def test_numbers_that_versions_of_yaml_read_differently_are_refused(number: str) -> None:
+    with pytest.raises(DocumentError, match="line 1: received"):
+        parse_yaml(f"seed: {number}\n")
+    assert parse_yaml(f"seed: '{number}'\n") == {"seed": number}
+
+
+def test_ordinary_numbers_are_read() -> None:
+    text = "[0, -1, 10, 0.5, 00.5, 0x10, 1_000, 1.5e+3]"
+    assert parse_yaml(text) == [0, -1, 10, 0.5, 0.5, 16, 1000, 1500.0]
+
+
 def test_ordinary_aliases_and_merges_are_replaced() -> None:
     text = "a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}\nc: [*a, *a]\n"
     assert parse_yaml(text) == {
