@@ -17,7 +17,6 @@ from oaisys_core.cli.options import (
 )
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.output.files import write_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -71,6 +70,8 @@ def audit(
         for f in found
     ]
     if out is not None:
+        from oaisys_core.output.files import write_text
+
         write_text(out, json.dumps(figures, indent=2) + "\n")
     Console().print(_table(found))
     worst = max(found, key=lambda f: f.wrong_share)

@@ -41,12 +41,14 @@ def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> 
     from oaisys_core.config import config_sha256, load_config
     from oaisys_core.config.loading import with_lines
     from oaisys_core.errors import ConfigError
-    from oaisys_core.world.config_files import name_faults
+    from oaisys_core.world.config_files import name_faults, texture_notes
 
     config = load_config(file)
     faults = name_faults(config)
     if faults:
         raise ConfigError("\n".join(with_lines(file, faults)))
+    for note in texture_notes(config):
+        typer.echo(note)
     typer.echo(f"{file}: valid, sha256 {config_sha256(config)}")
 
 

@@ -63,6 +63,7 @@ def render(
     from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
+    from oaisys_core.world.config_files import texture_notes
 
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
@@ -78,6 +79,8 @@ def render(
     writer = SampleWriter(output.folder, output.batch_offset)
     with own_stdout():
         simulation = Simulation(chosen)
+        for note in texture_notes(chosen):
+            typer.echo(note, err=True)
         try:
             run = _Run(simulation, writer, steps, output.batches, output.save_blend)
             run.start(chosen, is_resumed=resume)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from pydantic import BaseModel
+
 from oaisys_core.config import SimulationConfig
+from oaisys_core.config.sections.materials import LookConfig
 from oaisys_core.errors import BackendUnavailableError, ConfigError, InvalidInputError
 from oaisys_core.procedural.environment.hdri import images_of, read_radiance
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.terrain.dem import import_dem
+from oaisys_core.procedural.textures.folder import describe_texture_folder
 from oaisys_core.world.extension_modules import make_modules
 from oaisys_core.world.modules import (
     AssetsModule,
@@ -18,6 +22,7 @@ from oaisys_core.world.modules import (
     SensorsModule,
     StageModule,
 )
+from oaisys_core.world.modules.layers import pool_layers
 
 
 def name_faults(config: SimulationConfig) -> list[str]:
@@ -33,6 +38,27 @@ def name_faults(config: SimulationConfig) -> list[str]:
         except (InvalidInputError, ConfigError, BackendUnavailableError) as error:
             found.extend(str(error).splitlines())
     return list(dict.fromkeys(found))
+
+
+def texture_notes(config: SimulationConfig) -> list[str]:
+    """Return for each texture folder which map is used for what, and what is left aside."""
+    folders = [look.folder for look in _looks(config) if look.folder is not None]
+    for pool in config.materials.pools:
+        folders.extend(layer.folder for layer in pool_layers(pool) if layer.folder is not None)
+    return [describe_texture_folder(folder) for folder in dict.fromkeys(folders)]
+
+
+def _looks(value: object) -> Iterator[LookConfig]:
+    """Yield the looks anywhere in a section."""
+    if isinstance(value, LookConfig):
+        yield value
+    if isinstance(value, BaseModel):
+        value = [each for _, each in value]
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from _looks(each)
 
 
 def _checks(config: SimulationConfig) -> Iterator[Callable[[], object]]:

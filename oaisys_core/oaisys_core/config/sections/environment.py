@@ -83,7 +83,7 @@ class HdriImageConfig(Labelled):
     """An equirectangular image of all directions.
 
     Attributes:
-        file: Linear ``.hdr`` or ``.exr`` image.
+        file: Linear ``.hdr`` or ``.exr`` image, or a photograph (``.png``, ``.jpg``) in sRGB.
         strength, rotation_deg: Values for this image; None uses those of ``hdri``.
         labels_from: Label images by direction.
         label, semantic_id, levels: Labels of all other directions; 0 uses those of the sky.

@@ -115,7 +115,7 @@ class LookConfig(Section):
 
     Attributes:
         texture: Name of a built-in texture set; ignored if ``folder`` is given.
-        folder: Folder of PBR maps, named as by Poly Haven or the original simulator.
+        folder: Folder of PBR maps, named as by Poly Haven, ambientCG and others.
         tile_m: Edge length of a tile; None uses that of the texture set.
         color: Change of its colour.
         displacement_m: Height of the full range of the height map; None keeps the normal map.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
@@ -17,7 +19,13 @@ from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import id_of_level
 from oaisys_core.scene.sky import SkyImage
 
+LOG = logging.getLogger(__name__)
+
 SUFFIXES = (".exr", ".hdr")
+"""Images of radiance, which a folder of them is searched for."""
+
+PHOTOGRAPHS = (".png", ".jpg", ".jpeg")
+"""Panoramas in sRGB, which are only read where they are named."""
 
 KEPT = 4
 """Number of images that stay loaded; one of 8192 x 4096 pixels takes 0.4 GB."""
@@ -74,14 +82,16 @@ def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
 
 
 def read_radiance(file: Path) -> NDArray[np.float32]:
-    """Return the (H, 2H, 3) linear pixels of an ``.hdr`` or ``.exr`` image, top row first.
+    """Return the (H, 2H, 3) linear pixels of a panorama, top row first; 1 is white in a photograph.
 
     Raises:
         InvalidInputError: It cannot be read, or is not twice as wide as it is high.
     """
-    if file.suffix.lower() not in SUFFIXES:
-        raise InvalidInputError("environment.hdri", str(file), f"a file {' or '.join(SUFFIXES)}")
-    pixels = _read_exr(file) if file.suffix.lower() == ".exr" else _read_hdr(file)
+    kinds = {".exr": _read_exr, ".hdr": _read_hdr} | dict.fromkeys(PHOTOGRAPHS, _read_photograph)
+    read = kinds.get(file.suffix.lower())
+    if read is None:
+        raise InvalidInputError("environment.hdri", str(file), f"a file {', '.join(kinds)}")
+    pixels = read(file)
     _check_layout(file, pixels)
     radiance = np.ascontiguousarray(pixels, dtype=np.float32)
     # Some published images contain a few invalid pixels. In place: a copy may take 1.6 GB.
@@ -91,6 +101,20 @@ def read_radiance(file: Path) -> NDArray[np.float32]:
 
 def _read_hdr(file: Path) -> NDArray[Any]:
     return np.asarray(read_radiance_file(file, SKY)[..., ::-1])
+
+
+def _read_photograph(file: Path) -> NDArray[Any]:
+    pixels = read_pixels(file, SKY)
+    if pixels.dtype.kind != "u":
+        raise InvalidInputError("environment.hdri", str(file), "pixels of 8 or 16 bits")
+    LOG.warning(
+        "%s: a photograph in sRGB: what is white in it, such as the sun, has a radiance of 1, so"
+        " the light is softer and weaker than outdoors",
+        file,
+    )
+    shades = pixels[..., None] if pixels.ndim == 2 else pixels
+    rgb = shades[..., 2::-1] if shades.shape[2] >= 3 else np.repeat(shades[..., :1], 3, axis=2)
+    return linear(rgb / np.float32(np.iinfo(pixels.dtype).max))
 
 
 def _read_exr(file: Path) -> NDArray[Any]:

@@ -1,7 +1,8 @@
-"""Reading a user's folder of PBR maps, named as by Poly Haven or the original simulator."""
+"""Reading a user's folder of PBR maps, named as by their libraries, see `map_names`."""
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -12,32 +13,29 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import TEXTURE, read_pixels
 from oaisys_core.output.exr import read_channels
 from oaisys_core.procedural.textures.fields import normals_from_height
+from oaisys_core.procedural.textures.map_names import (
+    COLOR,
+    GLOSS,
+    HEIGHT,
+    METALLIC_ROUGHNESS,
+    NORMAL,
+    OCCLUSION,
+    PACKED,
+    ROUGHNESS,
+    WORDS,
+    MapFile,
+    maps_in,
+)
 from oaisys_core.procedural.textures.normal_maps import encode_normals
 from oaisys_core.scene import PbrMaps
 
-KEYWORDS = {
-    "color": ("diffuse", "diff", "albedo", "basecolor", "base_color", "color", "col"),
-    "height": ("displacement", "disp", "height"),
-    "normal_gl": ("nor_gl", "normal_gl", "normalgl", "nrm_gl"),
-    "normal_dx": ("nor_dx", "normal_dx", "normaldx", "nrm_dx"),
-    "normal": ("nor", "normal", "nrm"),
-    "roughness": ("roughness", "rough", "rgh"),
-    "gloss": ("gloss", "glossiness"),
-    "occlusion": ("ao", "ambientocclusion", "occlusion"),
-    "packed": ("arm",),
-    "unused": ("spec", "specular", "refl", "metal", "metalness", "mask", "opacity", "emissive"),
-}
-"""Parts of file names by kind of map; ``packed`` contains occlusion, roughness and metalness.
-
-Maps of the kind ``unused`` are ignored, because ground is neither metallic nor specular.
-"""
+LOG = logging.getLogger(__name__)
 
 COLOR_MAP_EXPECTED = (
-    f"a folder with a readable image with one of {', '.join(KEYWORDS['color'])} in its name,"
-    " for the colour map"
+    "a folder with a readable image with one of"
+    f" {', '.join(WORDS[COLOR].replace('-', '_').split())} in its name, for the colour map"
 )
 
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr"})
 FOLDER_RELIEF_M = 0.05
 """Height of the full range of a height map if normals must be derived from it."""
 DEFAULT_ROUGHNESS = 0.9
@@ -45,7 +43,7 @@ DEFAULT_ROUGHNESS = 0.9
 OCCLUSION_SHARE = 0.6
 """Strength of the occlusion map: cracks receive less sky light, but still sunlight."""
 
-Maps = dict[str, Path]
+Maps = dict[str, MapFile]
 Image = NDArray[np.float32]
 
 
@@ -55,7 +53,9 @@ def texture_folders(path: Path) -> list[Path]:
     Raises:
         InvalidInputError: There are none.
     """
-    folders = sorted(each for each in path.iterdir() if each.is_dir() and "color" in _maps(each))
+    folders = sorted(
+        each for each in path.iterdir() if each.is_dir() and COLOR in maps_in(each).used
+    )
     if not folders:
         raise InvalidInputError("folder", str(path), "a folder of folders with a colour map each")
     return folders
@@ -65,9 +65,11 @@ def has_color_map(path: Path) -> bool:
     """Return whether a path is a folder with a readable colour map."""
     import cv2
 
-    file = _maps(path).get("color") if path.is_dir() else None
+    found = maps_in(path).used.get(COLOR) if path.is_dir() else None
+    if found is None:
+        return False
     # OpenCV reads only the first bytes of the file.
-    return file is not None and (file.suffix.lower() == ".exr" or cv2.haveImageReader(str(file)))
+    return found.path.suffix.lower() == ".exr" or cv2.haveImageReader(str(found.path))
 
 
 def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -> PbrMaps:
@@ -87,12 +89,15 @@ def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -
     """
     if not path.is_dir():
         raise InvalidInputError("folder", str(path), "an existing folder of texture maps")
-    files = _maps(path)
-    if "color" not in files:
+    files = maps_in(path).used
+    if COLOR not in files:
         raise InvalidInputError("folder", str(path), COLOR_MAP_EXPECTED)
-    color = _color(files["color"])
+    color = _color(files[COLOR].path)
+    if color.shape[0] != color.shape[1]:
+        rows, columns = color.shape[:2]
+        LOG.warning("%s: %d x %d pixels become a square tile", files[COLOR].path, columns, rows)
     size = size_px or min(color.shape[:2])
-    height = _grey(files, "height", size)
+    height = _height(files, size)
     roughness, occlusion = _roughness_and_occlusion(files, size)
     color = _resize(color, size) * (1 - OCCLUSION_SHARE * (1 - occlusion))[..., None]
     return PbrMaps(
@@ -105,48 +110,32 @@ def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -
     )
 
 
-def _maps(path: Path) -> Maps:
-    """Return the images in a folder by kind; of several, the first by keyword and name."""
-    found: dict[str, tuple[int, Path]] = {}
-    for file in sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES):
-        kind, rank = _kind(file.stem)
-        if kind is not None and (kind not in found or rank < found[kind][0]):
-            found[kind] = (rank, file)
-    return {kind: file for kind, (_, file) in found.items()}
-
-
-def _kind(stem: str) -> tuple[str | None, int]:
-    """Return the kind given by the last (and longest) keyword in a name, and the keyword's rank."""
-    name = f"_{stem.lower()}_".replace("-", "_").replace(" ", "_")
-    best: tuple[tuple[int, int], str | None, int] = ((-1, 0), None, 0)
-    for kind, words in KEYWORDS.items():
-        for rank, word in enumerate(words):
-            place = (name.rfind(f"_{word}_"), len(word))
-            if place[0] >= 0 and place > best[0]:
-                best = (place, kind, rank)
-    return best[1], best[2]
+def describe_texture_folder(path: Path) -> str:
+    """Return which map of a folder is used for what, and what is left aside."""
+    return f"{path}: {maps_in(path)}"
 
 
 def _normals(files: Maps, size: int, height: Image | None, tile_m: float) -> NDArray[np.uint8]:
-    for kind in ("normal_gl", "normal", "normal_dx"):
-        if kind in files:
-            image = _resize(_image(files[kind]), size)
-            if kind == "normal_dx":
-                image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
-            # Bytes of 127 and 128 are both flat: programs differ in which of them they write.
-            return encode_normals(2 * image - 1)
+    if NORMAL in files:
+        image = _resize(_image(files[NORMAL].path), size)
+        if files[NORMAL].convention == "dx":
+            image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
+        # Bytes of 127 and 128 are both flat: programs differ in which of them they write.
+        return encode_normals(2 * image - 1)
     flat = np.zeros((size, size), np.float32)
     return normals_from_height(flat if height is None else height, FOLDER_RELIEF_M, tile_m)
 
 
 def _roughness_and_occlusion(files: Maps, size: int) -> tuple[Image, Image]:
-    roughness, occlusion = _grey(files, "roughness", size), _grey(files, "occlusion", size)
-    if roughness is None and (gloss := _grey(files, "gloss", size)) is not None:
+    roughness, occlusion = _grey(files, ROUGHNESS, size), _grey(files, OCCLUSION, size)
+    if roughness is None and (gloss := _grey(files, GLOSS, size)) is not None:
         roughness = 1 - gloss
-    if "packed" in files:
-        packed = _resize(_image(files["packed"]), size)
+    if PACKED in files:
+        packed = _resize(_image(files[PACKED].path), size)
         roughness = packed[..., 1] if roughness is None else roughness
         occlusion = packed[..., 0] if occlusion is None else occlusion
+    if METALLIC_ROUGHNESS in files and roughness is None:
+        roughness = _resize(_image(files[METALLIC_ROUGHNESS].path), size)[..., 1]
     if roughness is None:
         roughness = np.full((size, size), DEFAULT_ROUGHNESS, np.float32)
     return roughness, np.ones((size, size), np.float32) if occlusion is None else occlusion
@@ -160,14 +149,33 @@ def _color(path: Path) -> Image:
     return srgb(image)
 
 
+def _height(files: Maps, size: int) -> Image | None:
+    """Return heights from 0 to 1; those beyond, as in metres, are scaled to that range."""
+    if HEIGHT not in files:
+        return None
+    path = files[HEIGHT].path
+    height = _values(path)[..., 0]
+    least, most = float(height.min()), float(height.max())
+    if least < 0 or most > 1:
+        LOG.warning("%s: heights from %.4g to %.4g are scaled to 0 to 1", path, least, most)
+        height = (height - least) / (most - least if most > least else 1)
+    return _resize(np.asarray(height, np.float32), size)
+
+
 def _image(path: Path) -> Image:
     """Return an image as (H, W, 3) RGB, 0 to 1.
 
     Raises:
         InvalidInputError: It cannot be read.
     """
-    image = _exr_image(path) if path.suffix.lower() == ".exr" else _integer_image(path)
-    return np.clip(image, 0, 1).astype(np.float32)
+    return np.clip(_values(path), 0, 1).astype(np.float32)
+
+
+def _values(path: Path) -> Image:
+    values = _exr_image(path) if path.suffix.lower() == ".exr" else _integer_image(path)
+    if not np.isfinite(values).all():
+        raise InvalidInputError("folder", str(path), "an image of finite values")
+    return values
 
 
 def _exr_image(path: Path) -> NDArray[np.float32]:
@@ -186,7 +194,7 @@ def _integer_image(path: Path) -> NDArray[np.float32]:
 
 
 def _grey(files: Maps, kind: str, size: int) -> Image | None:
-    return _resize(_image(files[kind]), size)[..., 0] if kind in files else None
+    return _resize(_image(files[kind].path), size)[..., 0] if kind in files else None
 
 
 def _resize(image: Image, size: int) -> Image:
