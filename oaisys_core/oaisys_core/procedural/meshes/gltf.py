@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import InvalidInputError
@@ -129,7 +129,9 @@ def _pose(node: Mapping[str, Any]) -> FloatArray:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     T = np.eye(4)
-    R = Rotation.from_quat(np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)).as_matrix()
+    R = scipy.spatial.transform.Rotation.from_quat(
+        np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
+    ).as_matrix()
     T[:3, :3] = R * np.array(node.get("scale", (1, 1, 1)), np.float64)
     T[:3, 3] = node.get("translation", (0, 0, 0))
     return T
