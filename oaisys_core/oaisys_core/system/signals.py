@@ -13,13 +13,16 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+RECEIVED: list[int] = []
+"""The signals that have interrupted this process, the first of which is its exit code."""
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 _SHOWN_CURSOR = b"\x1b[?25h\r\n"
@@ -38,14 +41,14 @@ def interrupt_at_signals() -> list[int]:
 
     This is for commands that do not work in a child process, until they handle signals themselves.
     """
-    received: list[int] = []
+    RECEIVED.clear()
 
     def interrupt(number: int, _: FrameType | None) -> NoReturn:
-        received.append(number)
+        RECEIVED.append(number)
         raise KeyboardInterrupt
 
     _handle(interrupt)
-    return received
+    return RECEIVED
 
 
 def end_at_signal(number: int) -> NoReturn:
@@ -150,6 +153,17 @@ def _children() -> Iterator[int]:
                 rest = Path(entry.path, "stat").read_bytes().rpartition(b")")[2].split()
                 if rest[1] == own:
                     yield int(entry.name)
+
+
+def end_service_at_signals(handler: Callable[[int, FrameType | None], object] | int) -> None:
+    """Have SIGINT, SIGTERM and SIGHUP call a handler of a server or node.
+
+    SIGHUP stays ignored under ``nohup``. SIGINT does not, although shells have their background
+    jobs ignore it: a service is ended by it wherever it runs.
+    """
+    for number in ENDING:
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def _handle(handler: object) -> None:

@@ -16,6 +16,7 @@ from grpc_reflection.v1alpha import reflection
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
+from oaisys_core.system.signals import end_service_at_signals
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
 from oaisys_grpc.contract.transfer import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
@@ -214,7 +215,7 @@ def serve(
     *,
     on_ready: Callable[[str], None],
 ) -> None:
-    """Serve until SIGINT, SIGTERM or a client ends it; call on the main thread.
+    """Serve until SIGINT, SIGTERM, SIGHUP or a client ends it; call on the main thread.
 
     Calls under way may go on for a moment, unless a second signal comes. Signals are ignored
     afterwards, so that none interrupts the program on its way out.
@@ -226,8 +227,7 @@ def serve(
         OaisysError: The address cannot be bound, or the worker does not start.
     """
     end = EndRequest()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: end.request())
+    end_service_at_signals(lambda *_: end.request())
     server = SimulatorServer(config, address, options, on_end=end.request)
     started = server.start()
 
@@ -244,7 +244,6 @@ def serve(
     finally:
         exit_at_last(started)
         server.stop(lambda: end.is_repeated)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+        end_service_at_signals(signal.SIG_IGN)
     if not asked and (failure := started.exception()):
         raise failure

@@ -1,11 +1,16 @@
-"""Interrupts a long command by SIGINT and SIGTERM, whatever the main thread is doing."""
+"""Interrupts a long command by SIGINT, SIGTERM and SIGHUP, whatever the main thread is doing."""
 
 from __future__ import annotations
 
-import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+
+from oaisys_core.system.signals import RECEIVED, end_service_at_signals
+
+ORDER_S = 5.0
+"""How long everything that an experiment has started may take to end."""
 
 
 @dataclass
@@ -15,28 +20,31 @@ class _Interruption:
     requested: bool = False
     depth: int = 0
     pending: bool = False
+    since_s: float = 0.0
 
 
 _state = _Interruption()
 
 
 def interrupt_on_signals() -> None:
-    """Have SIGINT and SIGTERM raise `KeyboardInterrupt` in the main thread.
+    """Have SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in the main thread.
 
     A C library whose callback it is raised in prints and drops it; `raise_if_interrupted` raises it
-    again.
+    again. Further signals do not interrupt what the first one has ended in order, for `ORDER_S`.
     """
 
-    def interrupt(*_: object) -> None:
-        _state.requested = True
+    def interrupt(number: int, _: object) -> None:
+        RECEIVED.append(number)
+        if _state.requested and time.monotonic() < _state.since_s + ORDER_S:
+            return
+        _state.requested, _state.since_s = True, time.monotonic()
         if _state.depth:
             _state.pending = True
         else:
             raise KeyboardInterrupt
 
     _state.requested = False
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+    end_service_at_signals(interrupt)
 
 
 def raise_if_interrupted() -> None:

@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.shortages import shortage
+from oaisys_core.system.signals import end_service_at_signals
 from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
@@ -50,14 +51,13 @@ LOOK_UP_S = 0.2
 
 
 def stop_on_signals(stop: threading.Event) -> None:
-    """Set ``stop`` at SIGINT and SIGTERM, on a thread of its own; for the main thread.
+    """Set ``stop`` at SIGINT, SIGTERM and SIGHUP, on a thread of its own; for the main thread.
 
     A handler that sets an event deadlocks if its thread holds the event's lock. A `SimpleQueue` may
     be put to wherever a handler interrupts.
     """
     received: SimpleQueue[int] = SimpleQueue()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: received.put(number))
+    end_service_at_signals(lambda number, _: received.put(number))
 
     def wait() -> None:
         received.get()
@@ -73,7 +73,7 @@ def run_node(
     threads: int = 6,
     stop: threading.Event | None = None,
 ) -> int:
-    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``stop``; return 0.
+    """Run a node (`rclpy.node.Node` and `Closable`) until a signal or ``stop``; return 0.
 
     Returns 1 where a callback failed (its traceback is on standard error by then) or the process
     may not have the memory, threads or files that the node needs, and 2 where the node cannot be
@@ -104,10 +104,9 @@ def run_node(
         return _run_until(stop, node, threads)
     finally:
         rclpy.try_shutdown()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            # At exit Python restores the default handlers, and a second signal would kill it:
-            # a terminal and ros2 launch each send one.
-            signal.signal(number, signal.SIG_IGN)
+        # At exit Python restores the default handlers, and a second signal would kill it: a
+        # terminal and ros2 launch each send one.
+        end_service_at_signals(signal.SIG_IGN)
 
 
 def _run_until(stop: threading.Event, node: Node, threads: int) -> int:

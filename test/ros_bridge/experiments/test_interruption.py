@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from oaisys_core.system.signals import RECEIVED
 from oaisys_ros_bridge.experiments.interruption import (
     defer_interruption,
     interrupt_on_signals,
@@ -16,7 +17,7 @@ from oaisys_ros_bridge.experiments.interruption import (
 
 @pytest.fixture(autouse=True)
 def handlers() -> Iterator[None]:
-    numbers = (signal.SIGINT, signal.SIGTERM)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
     interrupt_on_signals()
     yield
@@ -25,7 +26,7 @@ def handlers() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_dropped_interruption_is_raised_again(number: signal.Signals) -> None:
     raise_if_interrupted()
     with pytest.raises(KeyboardInterrupt):
@@ -49,3 +50,11 @@ def test_a_signal_is_deferred_to_the_end_of_the_outermost_block() -> None:
     assert reached == ["inner", "outer"]
     with defer_interruption():
         pass  # it is raised once
+
+
+def test_a_second_signal_does_not_interrupt_what_the_first_one_ends() -> None:
+    """It ended the command by the signal itself, with what it had started left behind."""
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGHUP)
+    signal.raise_signal(signal.SIGINT)
+    assert RECEIVED[-2:] == [signal.SIGHUP, signal.SIGINT]

@@ -38,7 +38,7 @@ def test_a_signal_at_any_moment_ends_the_wait() -> None:
             for trial in range(TRIALS):
                 assert program.stdout.readline() == "waiting\n"
                 time.sleep(rng.uniform(0.0, 0.001))
-                program.send_signal(signal.SIGINT)
+                program.send_signal(rng.choice((signal.SIGINT, signal.SIGTERM, signal.SIGHUP)))
                 assert program.stdout.readline() == "stopped\n", trial
                 program.stdin.write("\n")
                 program.stdin.flush()

@@ -90,7 +90,14 @@ def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> No
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "signals", [[number] * count for number in (signal.SIGINT, signal.SIGTERM) for count in (1, 2)]
+    "signals",
+    [
+        [signal.SIGINT],
+        [signal.SIGINT] * 2,
+        [signal.SIGTERM],
+        [signal.SIGTERM, signal.SIGINT],
+        [signal.SIGHUP] * 2,
+    ],
 )
 def test_signals_end_everything_quietly_even_while_it_renders(
     start_server: StartServer, signals: list[signal.Signals]
@@ -135,7 +142,8 @@ def test_a_signal_while_the_worker_starts_ends_quietly(start_server: StartServer
     server = start_server(ROCKY_WORLD)
     worker = server.worker()
     with within(SHUTDOWN_S):
-        server.process.send_signal(signal.SIGTERM)
+        for _ in range(2):  # SIGHUP left the worker's folder behind
+            server.process.send_signal(signal.SIGHUP)
         assert server.process.wait(PATIENCE_S) == 0
     assert not worker.is_running()
     assert "Traceback" not in server.stderr.read_text()
