@@ -7,7 +7,8 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
-SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - Linux's name for it
+from oaisys_ros_bridge.shared_memory import SHARED_MEMORY
+
 NEEDED_BYTES = 512 * 2**20
 """Free shared memory for the segments of ``fastdds.xml`` in eight participants."""
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
-from oaisys_ros_bridge.transport import SEGMENTS, SHARED_MEMORY
+from oaisys_ros_bridge.shared_memory import SHARED_MEMORY
+from oaisys_ros_bridge.transport import SEGMENTS
 
 pytestmark = pytest.mark.ros
 

@@ -1,1 +1,23 @@
-"""The programs: each module is one node."""
+"""The programs: each module is one node. What must be settled before rclpy is loaded is done here.
+
+Raises:
+    ShortageError: /dev/shm is full; loading rclpy would end the process by SIGBUS.
+"""
+
+import sys
+
+from oaisys_core.errors import ShortageError
+from oaisys_core.system.signals import exit_at_signals
+from oaisys_ros_bridge.shared_memory import require_shared_memory
+
+_IS_PROGRAM = sys.argv[:1] == ["-m"]  # as in `python -m oaisys_ros_bridge.nodes.bridge`
+
+if _IS_PROGRAM:
+    exit_at_signals()
+if "rclpy" not in sys.modules:
+    try:
+        require_shared_memory()
+    except ShortageError as error:
+        if _IS_PROGRAM:
+            sys.exit(str(error))
+        raise

@@ -25,6 +25,7 @@ from oaisys_ros_bridge.experiments.options import (
     experiment_options,
     seeds_of,
 )
+from oaisys_ros_bridge.shared_memory import require_shared_memory
 
 UNTIL, UNTIL_COMPARED = 0.95, 0.9
 """Coverage at which an exploration ends, with one planner and with several."""
@@ -115,6 +116,7 @@ def explore(
     several planners, the report compares their coverage against views and path length, and what
     each needed for 90 %; after the first exploration only depth is rendered.
     """
+    require_shared_memory()  # before anything imports rclpy
     from oaisys_ros_bridge.experiments.explore.explore import run_explore
     from oaisys_ros_bridge.experiments.explore.plan import (
         FIRST_SEED,

@@ -24,6 +24,7 @@ from oaisys_ros_bridge.experiments.options import (
     WorkerPythonOption,
     experiment_options,
 )
+from oaisys_ros_bridge.shared_memory import require_shared_memory
 
 ViewsOption = Annotated[int, typer.Option(help="Number of viewpoints in the grid.", min=1)]
 AltitudeOption = Annotated[
@@ -70,6 +71,7 @@ def survey(
     Exit 0 if the map agrees with the true surface. With --seeds, exit 0 if it agrees in every
     world and every map with a deliberate fault is rejected.
     """
+    require_shared_memory()  # before anything imports rclpy
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.experiments.progress import Reporter, seconds_since_start
     from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
