@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import hypothesis
 import psutil
 import pytest
+from blender_process import end_shared_blender
 from leak_check import MARK, LeakCheck
 
 # Before any test imports Open3D: Blender may then be imported after it.
@@ -53,6 +54,11 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.enable()
+
+
+def pytest_sessionfinish() -> None:
+    """End the process of Blender that tests have shared."""
+    end_shared_blender()
 
 
 def pytest_make_parametrize_id(val: object) -> str | None:

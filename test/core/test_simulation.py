@@ -17,9 +17,9 @@ from oaisys_core.world.module import Metadata, World
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"extent_m": 24, "resolution_px": 129},
-    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
-    "assets": {"rocks": [{"count": [20, 40]}]},
+    "stage": {"extent_m": 24, "resolution_px": 65, "surroundings": "plain"},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64, "relief": 0}},
+    "assets": {"rocks": [{"count": [20, 40], "variants": 2}]},
     "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
 }
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]

@@ -1,25 +1,37 @@
-"""Calls functions in a process of their own, where Blender may be imported.
+"""Calls functions in other processes, where Blender may be imported.
 
 Blender's data is global to a process and does not get on with an Open3D that came first, so no
-test imports it into pytest's process. Tests that need Blender are skipped where it is not
-installed, and for no other reason.
+test imports it into pytest's process. Most jobs are done one after the other by one process, which
+begins each with an empty Blender, as the product's worker does with each world. Tests that need
+Blender are skipped where it is not installed, and for no other reason.
 """
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import importlib
 import importlib.util
-import pickle
+import os
 import subprocess
 import sys
 import tempfile
+import traceback
+from collections.abc import Iterator
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 
 import pytest
+from leak_check import MARK
 
-TIMEOUT_S = 500
-"""Less than that of a test, so that it is told what did not end."""
+TIMEOUT_S = 300.0
+"""Seconds for one job; whatever takes longer hangs."""
+END_S = 20.0
+"""Seconds for a process without jobs to end."""
+
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != MARK}
+"""What the shared process gets: not what the test that first needs it has set."""
 
 
 def skip_without_blender(*, module: bool = False) -> None:
@@ -34,31 +46,127 @@ def require_blender() -> None:
     importlib.import_module("bpy")
 
 
-def in_blender(job: str, *arguments: Any) -> Any:
-    """Return what a function of `blender_jobs` returns in a new process.
+class BlenderJobError(AssertionError):
+    """A job that did not return, with its name and what its process wrote."""
 
-    ``job`` is ``module.function``. Arguments and result are pickled. Skips the test where there is
-    no ``bpy``.
-    """
-    skip_without_blender()
-    with tempfile.TemporaryDirectory() as folder:
-        exchange = Path(folder, "exchange")
-        exchange.write_bytes(pickle.dumps(arguments))
-        process = subprocess.run(
-            [sys.executable, __file__, job, exchange],
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT_S,
-            check=False,
+
+class BlenderProcess:
+    """A process with Blender that does one job after the other, and ends with its parent."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self._connection, theirs = Pipe()
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `end`
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, str(theirs.fileno()), str(os.getpid())],
+            pass_fds=[theirs.fileno()],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=self._errors,
         )
-        if process.returncode:
-            pytest.fail(f"{job} in Blender's process:\n{process.stderr[-4000:]}")
-        return pickle.loads(exchange.read_bytes())
+        theirs.close()
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether it takes another job: none has failed, and it runs."""
+        return not self._connection.closed and self._process.poll() is None
+
+    def call(self, job: str, arguments: tuple[Any, ...], timeout_s: float = TIMEOUT_S) -> Any:
+        """Return what a job returns; the process is ended after one that fails."""
+        try:
+            self._connection.send((job, arguments))
+            if not self._connection.poll(timeout_s):
+                self._process.kill()
+                raise BlenderJobError(f"{job}: killed after {timeout_s:g} s\n{self.end()}")
+            is_done, result = self._connection.recv()
+        except (EOFError, OSError) as error:
+            told = self.end()
+            code = self._process.returncode
+            raise BlenderJobError(f"{job}: its process ended with {code}\n{told}") from error
+        if not is_done:
+            self.end()
+            raise BlenderJobError(f"{job} in Blender's process:\n{result}")
+        return result
+
+    def end(self) -> str:
+        """End the process, if it runs, and return the end of what it wrote to standard error."""
+        if self._connection.closed:
+            return ""
+        self._connection.close()
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(END_S)
+        with self._errors as file:
+            file.seek(0)
+            return file.read().decode(errors="replace")[-4000:]
+
+
+_shared: BlenderProcess | None = None
+
+
+def in_blender(job: str, *arguments: Any) -> Any:
+    """Return what a function of `blender_jobs` returns in the process that these calls share.
+
+    ``job`` is ``module.function``; it undoes whatever it changes of Python's modules. Arguments and
+    result are pickled. Skips the test where there is no ``bpy``.
+    """
+    global _shared
+    skip_without_blender()
+    if _shared is None or not _shared.is_usable:
+        end_shared_blender()
+        _shared = BlenderProcess(ENVIRONMENT)
+    return _shared.call(job, arguments)
+
+
+def in_new_blender(job: str, *arguments: Any) -> Any:
+    """Return the same from a new process, for jobs that are about a process's life or memory."""
+    skip_without_blender()
+    process = BlenderProcess(dict(os.environ))
+    try:
+        return process.call(job, arguments)
+    finally:
+        process.end()
+
+
+def end_shared_blender() -> None:
+    """End the process that calls of `in_blender` share, if there is one."""
+    global _shared
+    if _shared is not None:
+        _shared.end()
+    _shared = None
+
+
+def serve(connection: Connection) -> None:
+    """Do jobs until the other end is closed."""
+    for job, arguments in _jobs(connection):
+        gc.collect()
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        connection.send(_result(job, arguments))
+
+
+def _jobs(connection: Connection) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    with contextlib.suppress(EOFError):
+        while True:
+            yield connection.recv()
+
+
+def _result(job: str, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
+    """Return whether a job is done, and what it returns, or its traceback."""
+    module, function = job.split(".")
+    try:
+        call = getattr(importlib.import_module(f"blender_jobs.{module}"), function)
+        return True, call(*arguments)
+    except Exception:  # noqa: BLE001 - told to the test
+        return False, traceback.format_exc()
 
 
 if __name__ == "__main__":
     sys.path.append(str(Path(__file__).resolve().parents[2]))  # for tools.bench.cycles_passes
-    name, file = sys.argv[1], Path(sys.argv[2])
-    module, function = name.split(".")
-    call = getattr(importlib.import_module(f"blender_jobs.{module}"), function)
-    file.write_bytes(pickle.dumps(call(*pickle.loads(file.read_bytes()))))
+    import bpy  # comes before anything that loads Open3D
+
+    from oaisys_grpc.worker.program import die_with_parent
+
+    die_with_parent(int(sys.argv[2]))
+    serve(Connection(int(sys.argv[1])))

@@ -30,7 +30,8 @@ def run(arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("closed")
     (folder / "world.yaml").write_text(
-        "backend: analytic\nstage: {extent_m: 10, resolution_px: 33}\n"
+        "backend: analytic\nstage: {extent_m: 10, resolution_px: 33, surroundings: plain}\n"
+        "materials: {texture_size_px: 16, mask: {size_px: 16, relief: 0}}\nassets: {rocks: []}\n"
         "sensors: {cameras: [{width_px: 8, height_px: 6, modalities: [depth]}]}\n"
     )
     done = run("render --config world.yaml --out out >&-", folder)  # it works with stdout closed

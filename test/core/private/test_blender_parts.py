@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from blender_process import in_blender
+from blender_process import in_new_blender
 
 pytestmark = pytest.mark.blender
 
@@ -17,7 +17,7 @@ LEAST_PSNR_DB = 25.0
 
 @pytest.fixture(scope="module")
 def outcomes() -> dict[str, Any]:
-    found: dict[str, Any] = in_blender("private_parts.outcomes")
+    found: dict[str, Any] = in_new_blender("private_parts.outcomes")
     return found
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blender_process import in_blender
+from blender_process import in_blender, in_new_blender
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
@@ -146,7 +146,7 @@ def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
 @pytest.mark.blender
 def test_embrees_structures_are_given_back() -> None:
     """Twenty that are not take 100 MB."""
-    resident = in_blender("instances.resident_mb", overlapping_rocks(20_000), 22)
+    resident = in_new_blender("instances.resident_mb", overlapping_rocks(20_000), 22)
     assert resident[-1] - resident[2] < 30
 
 

@@ -50,6 +50,7 @@ def world(path: Path, **more: Any) -> dict[str, Any]:
     return {
         "backend": "analytic",
         "stage": {"preset": "plane", "extent_m": 20.0, "resolution_px": 17},
+        "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
         "assets": {"rocks": [], "objects": [card | {"anchor": "origin"}]},
         "sensors": {"cameras": [{"name": "camera", **camera, "modalities": modalities}], **more},
         "render": {"quality": "preview", "denoise": False},

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blender_process import in_blender
+from blender_process import in_blender, in_new_blender
 from numpy.typing import NDArray
 from synthetic_worlds import (
     BOX,
@@ -166,5 +166,5 @@ def test_both_backends_see_the_same_rocky_world() -> None:
 @pytest.mark.blender
 def test_two_processes_see_the_same_bytes() -> None:
     first = rendered("blender", rocky_world(), ROCKY_VIEWS)
-    second = rendered("blender", rocky_world(), ROCKY_VIEWS)
+    second = in_new_blender("backend.views", rocky_world(), ROCKY_VIEWS)
     assert [f.data.tobytes() for f in first] == [f.data.tobytes() for f in second]

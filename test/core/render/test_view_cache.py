@@ -32,9 +32,9 @@ ROOM = 1 << 24
 SIZE = {"width_px": 16, "height_px": 12, "fx_px": 12.0, "fy_px": 12.0}
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 24.0, "resolution_px": 33},
-    "materials": {"texture_size_px": 32, "mask": {"size_px": 32}},
-    "assets": {"rocks": [{"count": [4, 8]}]},
+    "stage": {"preset": "mounds", "extent_m": 24.0, "resolution_px": 33, "surroundings": "plain"},
+    "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
+    "assets": {"rocks": [{"count": [4, 8], "variants": 1}]},
     "sensors": {
         "cameras": [
             {**SIZE, "name": "left"},

@@ -23,8 +23,8 @@ METER = AutoExposure(target=0.18)
 SIMPLE: dict[str, Any] = {
     "seed": 3,
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 24.0, "resolution_px": 33},
-    "materials": {"texture_size_px": 32, "mask": {"size_px": 32}},
+    "stage": {"preset": "mounds", "extent_m": 24.0, "resolution_px": 33, "surroundings": "plain"},
+    "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
     "assets": {"rocks": []},
     "sensors": {"cameras": [{"width_px": 32, "height_px": 24, "modalities": ["rgb", "depth"]}]},
 }

@@ -33,7 +33,8 @@ def simulation(faults: dict[str, Any] | None = None, cache_bytes: int = 0) -> Si
     cameras = [{"name": "left", **CAMERA}, {"name": "right", **CAMERA}]
     data = {
         "backend": "analytic",
-        "stage": {"extent_m": 30.0, "resolution_px": 33},
+        "stage": {"extent_m": 30.0, "resolution_px": 33, "surroundings": "plain"},
+        "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
         "assets": {"rocks": []},
         "sensors": {"cameras": cameras, "faults": faults or {}},
     }

@@ -23,8 +23,9 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM)
 
 CONFIG = """\
 backend: analytic
-stage: {extent_m: 16, resolution_px: 65}
-materials: {texture_size_px: 64, mask: {size_px: 128}}
+stage: {extent_m: 16, resolution_px: 65, surroundings: plain}
+materials: {texture_size_px: 64, mask: {size_px: 64, relief: 0}}
+assets: {rocks: [{count: [4, 4], variants: 1}]}
 sensors: {cameras: [{width_px: 32, height_px: 24, modalities: [depth, semantic_0, instance]}]}
 """
 

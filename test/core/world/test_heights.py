@@ -26,6 +26,7 @@ def world(stage: dict[str, Any] | None = None, **assets: Any) -> dict[str, Any]:
     return {
         "backend": "analytic",
         "stage": plain | (stage or {}),
+        "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
         "assets": {"rocks": [], **assets},
     }
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 from unittest import mock
@@ -48,9 +49,9 @@ def passes(
             thing.pass_index = int(thing.name.removeprefix("instance_"))
     layer = blender_scene.view_layers[0]
     layer.use_pass_z = layer.use_pass_object_index = True
-    seen = _record_passes()
     result = []
-    with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
+    through_middle = mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX)
+    with through_middle, recorded_passes() as seen:
         for each in cameras:
             frames = backend.render_all([each], settings(samples=1), ignore)
             index = next(seen[name] for name in ("IndexOB", "Object Index") if name in seen)
@@ -115,7 +116,6 @@ def moves() -> dict[str, tuple[int, NDArray[Any], NDArray[Any]]]:
         marks.append(len(depsgraph.updates))
         before(engine, data, depsgraph)
 
-    CyclesRender.update = update
     scene = replace(rocky_world(), primitives=(replace(BOX, instance_id=900),))
     box = replace(BOX, instance_id=900, T_map_object=BOX.T_map_object @ np.diag([1, 1, 2, 1.0]))
     first = camera(pose_looking_down(0, 0, 9), modalities=(RGB,))
@@ -135,15 +135,16 @@ def moves() -> dict[str, tuple[int, NDArray[Any], NDArray[Any]]]:
     backend = BlenderBackend()
     backend.build(scene, ignore)
     found = {}
-    for name, (now, view, wanted) in steps.items():
-        backend.update(now)
-        image = backend.render_all([view], wanted, ignore)[0].data
-        count = marks[-1]
-        backend._cycles.free_persistent_data()
-        alone = backend.render_all([view], wanted, ignore)[0].data
-        found[name] = (count, image, alone)
-        # The next change shall meet a session that has rendered this one.
-        backend.render_all([view], wanted, ignore)
+    with mock.patch.object(CyclesRender, "update", update):
+        for name, (now, view, wanted) in steps.items():
+            backend.update(now)
+            image = backend.render_all([view], wanted, ignore)[0].data
+            count = marks[-1]
+            backend._cycles.free_persistent_data()
+            alone = backend.render_all([view], wanted, ignore)[0].data
+            found[name] = (count, image, alone)
+            # The next change shall meet a session that has rendered this one.
+            backend.render_all([view], wanted, ignore)
     return found
 
 
@@ -168,8 +169,9 @@ def _cancel_at_objects(progress: Progress) -> None:
         raise CancelledError("enough")
 
 
-def _record_passes() -> dict[str, NDArray[Any]]:
-    """Have each render leave its passes, (H, W) float32, in the returned dictionary."""
+@contextmanager
+def recorded_passes() -> Iterator[dict[str, NDArray[Any]]]:
+    """Have each render leave its passes, (H, W) float32, in a dictionary during a block."""
     engine: Any = importlib.import_module("cycles").CyclesRender
     seen: dict[str, NDArray[Any]] = {}
     original = engine.render
@@ -182,5 +184,5 @@ def _record_passes() -> dict[str, NDArray[Any]]:
             each.rect.foreach_get(values.ravel())
             seen[each.name] = values[::-1, :, 0]
 
-    engine.render = render
-    return seen
+    with mock.patch.object(engine, "render", render):
+        yield seen

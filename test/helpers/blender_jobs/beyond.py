@@ -9,7 +9,7 @@ from unittest import mock
 
 import bpy
 import numpy as np
-from blender_jobs.backend import _record_passes
+from blender_jobs.backend import recorded_passes
 from blender_jobs.examples import small
 from numpy.typing import NDArray
 
@@ -39,9 +39,9 @@ def level_views(
     simulation = Simulation(_changed(load_config(Path(path)), changes))
     simulation.step_batch()
     bpy.context.scene.view_layers[0].use_pass_z = True
-    seen = _record_passes()
     found = []
-    with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
+    through_middle = mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX)
+    with through_middle, recorded_passes() as seen:
         for place in places:
             pose = level_pose(simulation, place, height_m)
             sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))

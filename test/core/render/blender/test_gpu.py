@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from blender_process import in_blender
+from blender_process import in_new_blender
 from numpy.typing import NDArray
 
 pytestmark = [pytest.mark.blender, pytest.mark.long]
@@ -22,7 +22,7 @@ DENOISED_LOSS_DB = 2.0
 
 @pytest.fixture(scope="module")
 def pictures() -> dict[str, Any]:
-    found: dict[str, Any] = in_blender("devices.pictures")
+    found: dict[str, Any] = in_new_blender("devices.pictures")
     return found
 
 

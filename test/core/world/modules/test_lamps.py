@@ -29,9 +29,9 @@ HEADLIGHT: dict[str, Any] = {
 MAST = {"position_m": [2.0, 1.0, 3.0], "on_ground": True, "strength_w": 300.0}
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 65},
-    "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
-    "assets": {"rocks": [{"count": [5, 5]}]},
+    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 65, "surroundings": "plain"},
+    "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
+    "assets": {"rocks": [{"count": [5, 5], "variants": 1}]},
     "sensors": {"cameras": [{"width_px": 32, "height_px": 24, "fx_px": 27.0, "fy_px": 27.0}]},
     "render": {"exposure_ev": 0.0},
 }

@@ -28,6 +28,7 @@ def config(*lidars: dict[str, Any]) -> Any:
         {
             "backend": "analytic",
             "stage": {"preset": "plane", "extent_m": 60.0},
+            "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
             "assets": {"rocks": []},
             "sensors": {"cameras": [CAMERA], "lidars": list(lidars)},
         }

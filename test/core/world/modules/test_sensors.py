@@ -25,7 +25,7 @@ WORLD: dict[str, Any] = {
     "materials": {
         "layers": [{"texture": "gravel", "label": "gravel", "semantic_id": 1}],
         "texture_size_px": 16,
-        "mask": {"size_px": 16},
+        "mask": {"size_px": 16, "relief": 0},
     },
     "assets": {"rocks": []},
 }

@@ -27,7 +27,9 @@ def simulation(stage: dict[str, Any], **more: Any) -> Simulation:
     small: dict[str, Any] = {
         "backend": "analytic",
         "materials": {"layers": [{"texture": "sand", "label": "sand", "semantic_id": 1}]},
-        "assets": {"rocks": [{"count": [20, 30], "label": "rock", "semantic_id": 2}]},
+        "assets": {
+            "rocks": [{"count": [20, 30], "variants": 2, "label": "rock", "semantic_id": 2}]
+        },
         "sensors": {
             "cameras": [
                 {
