@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from oaisys_core import geometry
 from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
@@ -13,7 +13,9 @@ from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
-from oaisys_core.errors import one_of, quote
+from oaisys_core.errors import InvalidInputError, one_of, quote
+from oaisys_core.files.calibrations import read_calibration
+from oaisys_core.files.path_fields import ConfigFile
 from oaisys_core.types import (
     DISPARITY,
     EQUIDISTANT,
@@ -128,10 +130,24 @@ def optics_bounds_px(width_px: int) -> dict[str, tuple[float, float]]:
     return {"fx_px": focal, "fy_px": focal, "cx_px": centre, "cy_px": centre}
 
 
+class CalibrationConfig(Section):
+    """A calibration of another program, see docs/files.md.
+
+    Attributes:
+        file: The file.
+        camera: Name of the camera in it, such as ``cam0``; None for the only one.
+    """
+
+    file: ConfigFile
+    camera: str | None = None
+
+
 class CameraConfig(OpticsConfig):
     """A camera on the rig.
 
     Attributes:
+        calibration: File from which size, intrinsics, distortion and, where it has one, the mount
+            are taken; None once they are.
         name: Name of the sensor, its folder and its topics.
         width_px, height_px: Image size.
         fisheye: Lens of a fisheye camera, whose depth images have ranges along the rays; None for
@@ -150,6 +166,7 @@ class CameraConfig(OpticsConfig):
             meanwhile. 0: no motion blur by time.
     """
 
+    calibration: CalibrationConfig | None = None
     name: FrameName = "camera"
     width_px: int = Field(default=640, ge=1, le=MAX_IMAGE_SIDE_PX)
     height_px: int = Field(default=480, ge=1, le=MAX_IMAGE_SIDE_PX)
@@ -183,6 +200,24 @@ class CameraConfig(OpticsConfig):
             distortion=distortion,
             distortion_model=PLUMB_BOB if fisheye is None else EQUIDISTANT,
         )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_calibration(cls, data: Any, info: ValidationInfo) -> Any:
+        """Replace ``calibration`` by what its file says; a mount beside it counts more."""
+        if not isinstance(data, dict) or data.get("calibration") is None:
+            return data
+        chosen = CalibrationConfig.model_validate(data["calibration"], context=info.context)
+        given = {key: value for key, value in data.items() if key != "calibration"}
+        try:
+            found = read_calibration(chosen.file).camera(chosen.camera).config()
+        except InvalidInputError as error:
+            raise ValueError(f"{error} in {chosen.file}") from error
+        if twice := sorted(found.keys() & given.keys() - {"mount_position_m", "mount_quat_xyzw"}):
+            raise ValueError(f"{twice[0]} is given beside the calibration, expected one of both")
+        if not {"width_px", "height_px"} <= found.keys() | given.keys():
+            raise ValueError("the calibration has no image size, expected width_px and height_px")
+        return found | given
 
     @model_validator(mode="after")
     def _check_bounds(self) -> CameraConfig:

@@ -1,0 +1,181 @@
+"""COLMAP's cameras.txt and cameras.bin, and the cameras of nerfstudio's transforms.json.
+
+COLMAP puts the centre of the first pixel at (0.5, 0.5), where OpenCV, ROS and we have (0, 0):
+https://colmap.github.io/cameras.html
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.calibrations.records import (
+    FIELD,
+    CalibratedCamera,
+    Calibration,
+    brown_conrady,
+    finite,
+    image_size,
+    kannala_brandt,
+    require_keys,
+    unknown_model,
+)
+
+PARAMETERS = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "OPENCV_FISHEYE": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
+    "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "FOV": ("fx", "fy", "cx", "cy", "omega"),
+    "SIMPLE_RADIAL_FISHEYE": ("f", "cx", "cy", "k1"),
+    "RADIAL_FISHEYE": ("f", "cx", "cy", "k1", "k2"),
+    "THIN_PRISM_FISHEYE": (
+        *("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "sx1", "sy1"),
+    ),
+}
+"""Parameters by model, in the order of their numbers in cameras.bin."""
+
+LACKED = ("FOV", "THIN_PRISM_FISHEYE")
+HALF = 0.5
+MOST_CAMERAS = 10_000
+
+
+def read_cameras_text(text: str) -> Calibration:
+    """Return the cameras of cameras.txt.
+
+    Raises:
+        InvalidInputError: A line is wrong, or we lack the model; the line is named.
+    """
+    cameras = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not (words := line.split()) or line.startswith("#"):
+            continue
+        where = f"{FIELD}: line {number}"
+        if len(words) < 5:
+            raise InvalidInputError(where, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
+        cameras.append(_camera(words[0], words[1], words[2:4], words[4:], where))
+    return _calibration("COLMAP cameras", cameras)
+
+
+def read_cameras_bytes(data: bytes) -> Calibration:
+    """Return the cameras of cameras.bin.
+
+    Raises:
+        InvalidInputError: It is too short, or we lack the model.
+    """
+    try:
+        cameras = list(_records(data))
+    except struct.error as error:
+        raise InvalidInputError(FIELD, f"{len(data)} bytes", "a whole cameras.bin") from error
+    return _calibration("COLMAP cameras", cameras)
+
+
+def read_transforms(data: Mapping[str, Any]) -> Calibration:
+    """Return the cameras of transforms.json: one for all frames, or those that differ.
+
+    Raises:
+        InvalidInputError: A value is missing or wrong, or we lack the model.
+    """
+    frames = data.get("frames") or [{}]
+    cameras: dict[str, CalibratedCamera] = {}
+    for index, frame in enumerate(frames):
+        if not isinstance(frame, Mapping):
+            raise InvalidInputError(f"{FIELD}.frames.{index}", frame, "a mapping")
+        found = _nerf_camera({**data, **frame}, f"{FIELD}.frames.{index}")
+        cameras.setdefault(repr(found), found)
+    named = [
+        CalibratedCamera(f"camera{'' if len(cameras) == 1 else index}", *_parts(camera))
+        for index, camera in enumerate(cameras.values())
+    ]
+    return _calibration("nerfstudio transforms", named)
+
+
+def _calibration(name: str, cameras: Sequence[CalibratedCamera]) -> Calibration:
+    note = "the principal points are half a pixel less than in the file, whose pixels begin at 0"
+    return Calibration(name, tuple(cameras), notes=(note, "the file says nothing of the mount"))
+
+
+def _records(data: bytes) -> Iterator[CalibratedCamera]:
+    (count,) = struct.unpack_from("<Q", data)
+    if count > MOST_CAMERAS:
+        raise InvalidInputError(f"{FIELD}.cameras", count, f"at most {MOST_CAMERAS}")
+    place, models = 8, list(PARAMETERS)
+    for _ in range(count):
+        number, model, width, height = struct.unpack_from("<iiQQ", data, place)
+        where = f"{FIELD}: camera {number}"
+        if not 0 <= model < len(models):
+            raise unknown_model(f"model {model}", where)
+        size = len(PARAMETERS[models[model]])
+        values = struct.unpack_from(f"<{size}d", data, place + 24)
+        place += 24 + 8 * size
+        yield _camera(str(number), models[model], (width, height), values, where)
+
+
+def _camera(
+    number: str, model: str, size: Sequence[Any], values: Sequence[Any], where: str
+) -> CalibratedCamera:
+    if model not in PARAMETERS or model in LACKED:
+        raise unknown_model(model, where)
+    names = PARAMETERS[model]
+    found = dict(zip(names, finite(values, where, len(names)), strict=True))
+    fx, fy = found.get("fx", found.get("f", 0.0)), found.get("fy", found.get("f", 0.0))
+    is_fisheye = model.endswith("FISHEYE")
+    order = (
+        ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    )
+    coefficients = [found.get(name, 0.0) for name in order]
+    return CalibratedCamera(
+        name=f"camera{number}",
+        size_px=image_size(*size, where),
+        focal_px=(fx, fy),
+        centre_px=(found["cx"] - HALF, found["cy"] - HALF),
+        distortion={} if is_fisheye else brown_conrady(coefficients, where),
+        fisheye=kannala_brandt(coefficients, where) if is_fisheye else None,
+    )
+
+
+def _nerf_camera(data: Mapping[str, Any], where: str) -> CalibratedCamera:
+    width, height = image_size(*require_keys(data, ("w", "h"), where), where)
+    if "fl_x" in data:
+        fx = finite([data["fl_x"]], f"{where}.fl_x", 1)[0]
+    else:
+        (angle,) = finite(require_keys(data, ("camera_angle_x",), where), where, 1)
+        fx = width / (2 * math.tan(angle / 2))
+    given = {"fl_y": fx, "cx": width / 2, "cy": height / 2, **data}
+    fy, cx, cy = finite([given[key] for key in ("fl_y", "cx", "cy")], where, 3)
+    model = str(data.get("camera_model", "OPENCV"))
+    is_fisheye = model == "OPENCV_FISHEYE"
+    if not is_fisheye and (model not in PARAMETERS or model in LACKED or "FISHEYE" in model):
+        raise unknown_model(model, f"{where}.camera_model")
+    order = ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2", "k3", "k4")
+    values = finite([data.get(name, 0.0) for name in order], where)
+    return CalibratedCamera(
+        "camera",
+        (width, height),
+        (fx, fy),
+        (cx - HALF, cy - HALF),
+        {} if is_fisheye else brown_conrady(values, where),
+        kannala_brandt(values, where) if is_fisheye else None,
+    )
+
+
+def _parts(camera: CalibratedCamera) -> tuple[Any, ...]:
+    return (camera.size_px, camera.focal_px, camera.centre_px, camera.distortion, camera.fisheye)
+
+
+def is_transforms(data: Any) -> bool:
+    """Return whether JSON data have cameras as nerfstudio writes them."""
+    return isinstance(data, Mapping) and bool({"fl_x", "camera_angle_x", "frames"} & data.keys())
+
+
+def is_cameras_text(text: str) -> bool:
+    """Return whether a text is a cameras.txt."""
+    lines = (line for line in text.splitlines() if line.strip() and line[0] != "#")
+    return re.match(r"\s*[0-9]+ +[A-Z_]+ +[0-9]+ ", next(lines, "")) is not None

@@ -1,0 +1,114 @@
+"""Matrices that OpenCV's FileStorage wrote: YAML, JSON or XML."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.calibrations.records import (
+    FIELD,
+    CalibratedCamera,
+    Calibration,
+    brown_conrady,
+    finite,
+    image_size,
+    kannala_brandt,
+)
+
+MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "CameraMatrix", "intrinsics", "K", "M")
+COEFFICIENTS = (
+    "distortion_coefficients",
+    "distCoeffs",
+    "dist_coeffs",
+    "Distortion_Coefficients",
+    "distortion",
+    "D",
+)
+WIDTH = ("image_width", "image_Width", "width", "imageWidth")
+HEIGHT = ("image_height", "image_Height", "height", "imageHeight")
+SIZE = ("image_size", "imageSize", "resolution")
+MARKS = ("opencv-matrix", "opencv_storage", "%YAML:1.0")
+"""Texts, one of which is in each file of OpenCV."""
+
+
+def is_opencv(text: str) -> bool:
+    """Return whether a file is one of OpenCV."""
+    return any(mark in text for mark in MARKS)
+
+
+def read_opencv(text: str) -> Calibration:
+    """Return the cameras of a file: the one of its calibration sample, or ``M1``, ``M2``.
+
+    Raises:
+        InvalidInputError: It cannot be read, a value is missing or wrong, or we lack the model.
+    """
+    import cv2
+
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        cameras = [
+            camera
+            for suffix in ("", "1", "2", "3", "4")
+            if (camera := _camera(storage, suffix)) is not None
+        ]
+        storage.release()
+    except (cv2.error, SystemError) as error:
+        raise InvalidInputError(
+            FIELD, "a file of OpenCV", f"one that it can read ({error})"
+        ) from error
+    if not cameras:
+        raise InvalidInputError(FIELD, "a file of OpenCV", f"a matrix named {', '.join(MATRIX)}")
+    notes = ["OpenCV's files say nothing of the mount"]
+    if any(camera.fisheye is None and len(camera.distortion) == 4 for camera in cameras):
+        notes.append("four coefficients without fisheye_model are k1, k2, p1 and p2")
+    return Calibration("OpenCV FileStorage", tuple(cameras), notes=tuple(notes))
+
+
+def _camera(storage: Any, suffix: str) -> CalibratedCamera | None:
+    matrix = _matrix(storage, MATRIX, suffix)
+    if matrix is None:
+        return None
+    where = f"{FIELD}.camera_matrix{suffix}"
+    K = finite(matrix, where, 9)
+    coefficients = _matrix(storage, COEFFICIENTS, suffix) or []
+    is_fisheye = bool(_number(storage, ("fisheye_model", "fisheye")))
+    where = f"{FIELD}.distortion_coefficients{suffix}"
+    return CalibratedCamera(
+        name=f"camera{suffix}",
+        size_px=_size(storage),
+        focal_px=(K[0], K[4]),
+        centre_px=(K[2], K[5]),
+        distortion={} if is_fisheye else brown_conrady(coefficients, where),
+        fisheye=kannala_brandt(coefficients, where) if is_fisheye else None,
+    )
+
+
+def _matrix(storage: Any, names: tuple[str, ...], suffix: str) -> list[float] | None:
+    for name in names:
+        node = storage.getNode(name + suffix)
+        if node.empty():
+            continue
+        values = node.mat() if node.isMap() else None
+        if values is not None:
+            return [float(value) for value in values.ravel()]
+        if node.isSeq():
+            return [float(node.at(index).real()) for index in range(node.size())]
+    return None
+
+
+def _number(storage: Any, names: tuple[str, ...]) -> float | None:
+    for name in names:
+        node = storage.getNode(name)
+        if node.isInt() or node.isReal():
+            return float(node.real())
+    return None
+
+
+def _size(storage: Any) -> tuple[int, int] | None:
+    width, height = _number(storage, WIDTH), _number(storage, HEIGHT)
+    if width is None or height is None:
+        pair = _matrix(storage, SIZE, "")
+        if pair is None or len(pair) != 2:
+            return None
+        width, height = pair
+    return image_size(width, height, f"{FIELD}.image_width")

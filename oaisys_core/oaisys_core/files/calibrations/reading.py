@@ -1,0 +1,67 @@
+"""Reads a calibration of any of the formats that we know, told apart by its content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.calibrations.colmap import (
+    is_cameras_text,
+    is_transforms,
+    read_cameras_bytes,
+    read_cameras_text,
+    read_transforms,
+)
+from oaisys_core.files.calibrations.kalibr import is_camchain, is_imu, read_camchain, read_imu
+from oaisys_core.files.calibrations.opencv import is_opencv, read_opencv
+from oaisys_core.files.calibrations.records import FIELD, Calibration
+from oaisys_core.files.calibrations.ros import is_camera_info, read_camera_info
+from oaisys_core.files.documents import parse_json, parse_yaml, read_bytes
+
+MOST_BYTES = 4_000_000
+KNOWN = (
+    "ROS's camera_info (YAML), Kalibr's camchain or imu (YAML), OpenCV's FileStorage (YAML, JSON,"
+    " XML), COLMAP's cameras.txt or cameras.bin, or nerfstudio's transforms.json"
+)
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Return the cameras and IMUs of a calibration.
+
+    Raises:
+        InvalidInputError: It cannot be read, is of no format that we know, a value is missing or
+            wrong, or we lack its camera model.
+    """
+    try:
+        data = read_bytes(path, MOST_BYTES)
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(FIELD, str(path), f"a file that can be read ({error})") from error
+    try:
+        return _read(data, path.suffix.lower() == ".bin")
+    except InvalidInputError as error:
+        error.add_note(f"in {path}")
+        raise
+
+
+def _read(data: bytes, is_binary: bool) -> Calibration:
+    if is_binary:
+        return read_cameras_bytes(data)
+    try:
+        text = data.decode("utf-8-sig")
+        if is_opencv(text):
+            return read_opencv(text)
+        if is_cameras_text(text):
+            return read_cameras_text(text)
+        is_json = text.lstrip().startswith("{")
+        found = parse_json(text) if is_json else parse_yaml(text.rstrip().removesuffix("---"))
+    except ValueError as error:
+        raise InvalidInputError(FIELD, "a file", f"{KNOWN} ({error})") from error
+    for is_kind, read in (
+        (is_camera_info, read_camera_info),
+        (is_camchain, read_camchain),
+        (is_imu, read_imu),
+        (is_transforms, read_transforms),
+    ):
+        if is_kind(found):
+            return read(found)
+    raise InvalidInputError(FIELD, found, KNOWN)

@@ -1,0 +1,183 @@
+"""What a calibration says, in the conventions of `oaisys_core.types.PinholeIntrinsics`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.geometry import R_LINK_OPTICAL, is_rigid, pose_from_matrix, transform
+from oaisys_core.types import FloatArray
+
+FIELD = "calibration"
+BROWN_CONRADY = ("k1", "k2", "p1", "p2", "k3")
+KANNALA_BRANDT = ("k1", "k2", "k3", "k4")
+BEYOND = ("k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+"""Coefficients of OpenCV's longer models, after those of `BROWN_CONRADY`."""
+
+MODELS = "pinhole without distortion, with Brown-Conrady's (plumb_bob, radtan), or equidistant"
+
+
+@dataclass(frozen=True)
+class CalibratedCamera:
+    """A camera of a calibration; pixel centres are at integers.
+
+    Attributes:
+        name: Name in the file, or one that says which it is.
+        size_px: Width and height; None if the file does not say.
+        focal_px: fx and fy.
+        centre_px: cx and cy; None for the centre of the image.
+        distortion: Coefficients by name of `BROWN_CONRADY`; empty for none.
+        fisheye: Coefficients by name of `KANNALA_BRANDT`; None for a pinhole camera.
+        T_base_optical: (4, 4) pose of its optical frame on the rig; None if the file does not say.
+    """
+
+    name: str
+    size_px: tuple[int, int] | None
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float] | None
+    distortion: dict[str, float] = field(default_factory=dict)
+    fisheye: dict[str, float] | None = None
+    T_base_optical: FloatArray | None = None
+
+    def config(self) -> dict[str, Any]:
+        """Return the keys of a camera in a configuration, without its name."""
+        found: dict[str, Any] = {}
+        if self.size_px is not None:
+            found["width_px"], found["height_px"] = self.size_px
+        found["fx_px"], found["fy_px"] = self.focal_px
+        if self.centre_px is not None:
+            found["cx_px"], found["cy_px"] = self.centre_px
+        if self.fisheye is not None:
+            found["fisheye"] = self.fisheye
+        elif any(self.distortion.values()):
+            found["distortion"] = self.distortion
+        if self.T_base_optical is not None:
+            T_base_link = self.T_base_optical @ transform(R_LINK_OPTICAL.T, (0.0, 0.0, 0.0))
+            pose = pose_from_matrix(T_base_link)
+            found["mount_position_m"] = [float(value) for value in pose.position_m]
+            found["mount_quat_xyzw"] = [float(value) for value in pose.quat_xyzw]
+        return found
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a file says of sensors.
+
+    Attributes:
+        format: Name of its format.
+        cameras: Its cameras, in the file's order.
+        imus: The keys of its IMUs in a configuration.
+        notes: What was assumed, and what of the file is not used.
+    """
+
+    format: str
+    cameras: tuple[CalibratedCamera, ...] = ()
+    imus: tuple[dict[str, Any], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def camera(self, name: str | None) -> CalibratedCamera:
+        """Return the camera of a name, or the only one.
+
+        Raises:
+            InvalidInputError: There is none, or there are several and no name is given.
+        """
+        names = [camera.name for camera in self.cameras]
+        if name is None and len(names) == 1:
+            return self.cameras[0]
+        if name not in names:
+            raise InvalidInputError(f"{FIELD}.camera", name, f"one of {', '.join(names) or 'none'}")
+        return self.cameras[names.index(name)]
+
+
+def brown_conrady(values: Sequence[float], where: str) -> dict[str, float]:
+    """Return coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...) by name.
+
+    Raises:
+        InvalidInputError: A coefficient that our model lacks is not 0, or there are too many.
+    """
+    names = (*BROWN_CONRADY, *BEYOND)
+    if len(values) > len(names):
+        raise InvalidInputError(where, len(values), f"at most {len(names)} coefficients")
+    found = dict(zip(names, finite(values, where), strict=False))
+    for name in BEYOND:
+        if found.pop(name, 0.0):
+            model = "thin prism" if name[0] == "s" else "tilted" if name[0] == "t" else "rational"
+            raise InvalidInputError(where, f"{name} of a {model} model", f"a camera {MODELS}")
+    return found
+
+
+def kannala_brandt(values: Sequence[float], where: str) -> dict[str, float]:
+    """Return up to four coefficients of an equidistant fisheye by name."""
+    if len(values) > len(KANNALA_BRANDT):
+        raise InvalidInputError(where, len(values), "at most 4 coefficients of a fisheye")
+    return dict(zip(KANNALA_BRANDT, finite(values, where), strict=False))
+
+
+def unknown_model(model: object, where: str) -> InvalidInputError:
+    """Return the error for a camera model that we lack."""
+    return InvalidInputError(where, model, f"a camera {MODELS}")
+
+
+def finite(values: Any, where: str, count: int | None = None) -> list[float]:
+    """Return numbers as floats.
+
+    Raises:
+        InvalidInputError: They are not a list of finite numbers, or not ``count``.
+    """
+    wanted = "finite numbers" if count is None else f"{count} finite numbers"
+    try:
+        numbers = [float(value) for value in values]
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(where, values, wanted) from error
+    if not np.isfinite(numbers).all() or count not in (None, len(numbers)):
+        raise InvalidInputError(where, quote(values), wanted)
+    return numbers
+
+
+def image_size(width: Any, height: Any, where: str) -> tuple[int, int]:
+    """Return a size in pixels, which the file gives as whole numbers."""
+    numbers = finite((width, height), where, 2)
+    if any(number != int(number) or number < 1 for number in numbers):
+        raise InvalidInputError(where, [width, height], "a width and a height in whole pixels")
+    return int(numbers[0]), int(numbers[1])
+
+
+def rigid(rows: Any, where: str) -> FloatArray:
+    """Return a (4, 4) rigid transform, whose rotation is brought to the next exact one.
+
+    Raises:
+        InvalidInputError: It is none within the precision of typed numbers.
+    """
+    try:
+        T = np.array(rows, np.float64).reshape(4, 4)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(where, quote(rows), "4 x 4 numbers") from error
+    if np.isfinite(T).all() and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3):
+        left, _, right = np.linalg.svd(T[:3, :3])
+        nearest = transform(left @ right, T[:3, 3])
+        if is_rigid(nearest) and np.allclose(T[3], (0, 0, 0, 1)):
+            return nearest
+    raise InvalidInputError(where, quote(rows), "a rotation and a translation as 4 x 4 numbers")
+
+
+def frame_name(text: object, default: str) -> str:
+    """Return a name that a sensor may have, made of one in a file."""
+    name = re.sub(r"[^a-z0-9_]+", "_", str(text).lower()).strip("_")[:64]
+    return name if re.match(r"[a-z]", name) else default
+
+
+def require_keys(data: Mapping[str, Any], keys: Sequence[str], where: str) -> list[Any]:
+    """Return the values of keys.
+
+    Raises:
+        InvalidInputError: One is missing; it is named.
+    """
+    for key in keys:
+        if key not in data:
+            raise InvalidInputError(f"{where}.{key}", None, "a value; the key is missing")
+    return [data[key] for key in keys]

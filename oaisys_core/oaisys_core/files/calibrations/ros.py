@@ -1,0 +1,96 @@
+"""ROS's camera_info: files of camera_calibration, and messages as `ros2 topic echo` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.calibrations.records import (
+    FIELD,
+    CalibratedCamera,
+    Calibration,
+    brown_conrady,
+    finite,
+    frame_name,
+    image_size,
+    kannala_brandt,
+    require_keys,
+    unknown_model,
+)
+
+PLUMB_BOB = ("plumb_bob", "rational_polynomial", "")
+FISHEYE = ("equidistant", "fisheye")
+
+
+def is_camera_info(data: Any) -> bool:
+    """Return whether YAML data are ROS's camera information."""
+    return isinstance(data, Mapping) and "distortion_model" in data
+
+
+def read_camera_info(data: Mapping[str, Any]) -> Calibration:
+    """Return the camera of sensor_msgs/CameraInfo, in either of its two spellings.
+
+    Raises:
+        InvalidInputError: A value is missing or wrong, or we lack the model.
+    """
+    is_message = "image_width" not in data
+    size_keys = ("width", "height") if is_message else ("image_width", "image_height")
+    width, height = require_keys(data, size_keys, FIELD)
+    matrix, coefficients = (
+        _numbers(data, keys)
+        for keys in (("camera_matrix", "k", "K"), ("distortion_coefficients", "d", "D"))
+    )
+    K = finite(matrix, f"{FIELD}.camera_matrix", 9)
+    _check_matrix(K)
+    model = str(data["distortion_model"])
+    distortion: dict[str, float] = {}
+    fisheye = None
+    if model in FISHEYE:
+        fisheye = kannala_brandt(coefficients, f"{FIELD}.distortion_coefficients")
+    elif model in PLUMB_BOB:
+        distortion = brown_conrady(coefficients, f"{FIELD}.distortion_coefficients")
+    else:
+        raise unknown_model(model, f"{FIELD}.distortion_model")
+    name = data.get("camera_name") or _frame_of(data)
+    camera = CalibratedCamera(
+        name=frame_name(name, "camera"),
+        size_px=image_size(width, height, f"{FIELD}.{size_keys[0]}"),
+        focal_px=(K[0], K[4]),
+        centre_px=(K[2], K[5]),
+        distortion=distortion,
+        fisheye=fisheye,
+    )
+    return Calibration("ROS camera_info", (camera,), notes=tuple(_notes(data)))
+
+
+def _check_matrix(K: list[float]) -> None:
+    if K[1] or K[3] or K[6] or K[7] or K[8] != 1:
+        raise InvalidInputError(f"{FIELD}.camera_matrix", K, "fx, 0, cx, 0, fy, cy, 0, 0, 1")
+
+
+def _numbers(data: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
+    found = next((data[key] for key in keys if key in data), ())
+    return found.get("data", ()) if isinstance(found, Mapping) else found
+
+
+def _frame_of(data: Mapping[str, Any]) -> str:
+    header = data.get("header")
+    frame = header.get("frame_id", "") if isinstance(header, Mapping) else ""
+    return str(frame).removesuffix("_optical_frame").removesuffix("_frame")
+
+
+def _notes(data: Mapping[str, Any]) -> list[str]:
+    notes = ["camera_info says nothing of the mount"]
+    rectification = _numbers(data, ("rectification_matrix", "r", "R"))
+    if list(rectification) not in ([], [1, 0, 0, 0, 1, 0, 0, 0, 1]):
+        notes.append("the rectification matrix is not used: images are those of the lens")
+    binning = [data.get("binning_x", 0), data.get("binning_y", 0)]
+    roi = data.get("roi")
+    if any(value not in (0, 1) for value in binning) or (
+        isinstance(roi, Mapping) and any(roi.values())
+    ):
+        notes.append(
+            "binning and the region of interest are not used: the whole sensor is rendered"
+        )
+    return notes
