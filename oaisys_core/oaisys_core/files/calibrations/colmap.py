@@ -133,7 +133,7 @@ def _camera(
     coefficients = [found.get(name, 0.0) for name in order]
     return CalibratedCamera(
         name=f"camera{number}",
-        size_px=image_size(*size, where),
+        size_px=image_size(size[0], size[1], where),
         focal_px=(fx, fy),
         centre_px=(found["cx"] - HALF, found["cy"] - HALF),
         distortion={} if is_fisheye else brown_conrady(coefficients, where),
@@ -142,7 +142,8 @@ def _camera(
 
 
 def _nerf_camera(data: Mapping[str, Any], where: str) -> CalibratedCamera:
-    width, height = image_size(*require_keys(data, ("w", "h"), where), where)
+    columns, rows = require_keys(data, ("w", "h"), where)
+    width, height = image_size(columns, rows, where)
     if "fl_x" in data:
         fx = finite([data["fl_x"]], f"{where}.fl_x", 1)[0]
     else:
