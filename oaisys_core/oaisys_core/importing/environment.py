@@ -17,20 +17,19 @@ SUN_W_M2 = 4.0
 """Our sun strength for the original's intensity of 1 at a background of `BACKGROUND`."""
 
 CHOICES = {0: "cycle", 1: "random", 2: "shuffle"}
-MAX_ALTITUDE_M = 60000.0
 
 
 def environment(document: Json, job: ImportContext) -> Json:
     """Return the section ``environment``."""
     general = part(document, "ENVIRONMENT_EFFECTS_SETUP", "GENERAL")
     least, most = (v / BACKGROUND for v in span(general.get("backgroundStrength"), (BACKGROUND,)))
-    found: Json = {"redraw": "sample", "step_interval": max(1, int(general.get("stepInterval", 1)))}
+    found: Json = {"redraw": "sample", "step_interval": int(general.get("stepInterval", 1))}
     found["sky_strength"] = [least, most]
     effects = entries(document, "ENVIRONMENT_EFFECTS_SETUP", "ENVIRONMENT_EFFECTS")
     for effect in effects:
         params = part(effect, "environmentEffectsParams")
         if params.get("stepIntervalOption") == "LOCAL":
-            found["step_interval"] = max(1, int(params.get("stepInterval", 1)))
+            found["step_interval"] = int(params.get("stepInterval", 1))
         if effect.get("type") == "EnvLightBlenderSky":
             found |= _sky(params, job, (least + most) / 2)
         elif effect.get("type") == "EnvHDRI":
@@ -50,7 +49,7 @@ def _sky(params: Json, job: ImportContext, background: float) -> Json:
         # Our sun does not shine at an elevation of 0.
         "sun_elevation_deg": [v or 0.01 for v in span(params.get("SunElevation"), (15.0, 90.0))],
         "sun_azimuth_deg": [90.0 - turn[1], 90.0 - turn[0]],
-        "altitude_m": [min(v, MAX_ALTITUDE_M) for v in altitude_m],
+        "altitude_m": altitude_m,
         "air": span(params.get("AirDensity"), (1.0, 2.0)),
         "dust": span(params.get("DustDensity"), (0.0, 10.0)),
         "ozone": span(params.get("OzoneDensity"), (0.0, 5.0)),

@@ -19,6 +19,7 @@ from oaisys_core.importing.document import (
 )
 from oaisys_core.importing.environment import environment
 from oaisys_core.importing.key_outcomes import KeyOutcome, outcome_of
+from oaisys_core.importing.limits import clamp
 from oaisys_core.importing.materials import materials
 from oaisys_core.importing.sensors import sensors
 from oaisys_core.importing.stand_ins import StandIns
@@ -98,6 +99,8 @@ def import_file(
         faults = dict.fromkeys(job.missing)
         raise ConfigError("\n".join(_missing(path, fault, assets_folder) for fault in faults))
     job.rename_shared(config)
+    for warning in clamp(config, outcomes, str(path)):
+        job.warn(warning)
     return ImportedConfig(config, outcomes, tuple(job.warnings))
 
 
@@ -146,21 +149,21 @@ def _render(document: Json, job: ImportContext) -> Json:
             job.warn(f"the effect {entry.get('type')} is left out: only bloom is supported")
             continue
         params = part(entry, "effectParams")
-        bloom: Json = {"threshold": min(max(float(params.get("threshold", 8.0)), 0.0), 1.0)}
+        bloom: Json = {"threshold": float(params.get("threshold", 1.0))}
         if "size" in params:
             # The size of a glow is the logarithm, to base 2, of its width in pixels.
             bloom["radius_px"] = 2.0 ** float(params["size"]) / 6
         if "mix" in params:
             # From -1 (image only) to 1 (glow only); 0 is an equal mix.
-            bloom["strength"] = min(max((float(params["mix"]) + 1) / 2, 0.0), 1.0)
+            bloom["strength"] = (float(params["mix"]) + 1) / 2
         found["effects"] = {"bloom": bloom}
     return found
 
 
 def _output(run: Json) -> Json:
     found: Json = {
-        "batches": max(1, int(run.get("numBatches", 1))),
-        "samples": max(1, int(run.get("numSamplesPerBatch", 1))),
+        "batches": int(run.get("numBatches", 1)),
+        "samples": int(run.get("numSamplesPerBatch", 1)),
         "batch_offset": int(run.get("outputIDOffset", 0)),
         "save_blend": bool(run.get("saveBlenderFiles", False)),
     }

@@ -127,10 +127,8 @@ def _layer(entry: Json, general: Json, job: ImportContext, extent_m: float) -> J
         **labels,
         **({"texture": texture} if folder is None else {"folder": str(folder)}),
         "tile_m": extent_m / max(float(entry.get("size", 1.0)), 1e-6),
-        "normal_strength": min(
-            10.0,
-            float(general.get("normalStrength", 1.0)) * float(entry.get("normalStrength", 1.0)),
-        ),
+        "normal_strength": float(general.get("normalStrength", 1.0))
+        * float(entry.get("normalStrength", 1.0)),
         **_relief(entry, float(general.get("dispScale", 1.0))),
         **_tiling(entry),
         **_color(entry),
