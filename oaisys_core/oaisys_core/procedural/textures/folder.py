@@ -40,6 +40,12 @@ FOLDER_RELIEF_M = 0.05
 """Height of the full range of a height map if normals must be derived from it."""
 DEFAULT_ROUGHNESS = 0.9
 
+CERTAIN = 0.3
+"""Correlation of normals with slopes from which on they are of the same ground."""
+
+GREY_STEP = 0.02
+"""Difference of colours that is more than the noise of JPEG."""
+
 OCCLUSION_SHARE = 0.6
 """Strength of the occlusion map: cracks receive less sky light, but still sunlight."""
 
@@ -118,12 +124,48 @@ def describe_texture_folder(path: Path) -> str:
 def _normals(files: Maps, size: int, height: Image | None, tile_m: float) -> NDArray[np.uint8]:
     if NORMAL in files:
         image = _resize(_image(files[NORMAL].path), size)
-        if files[NORMAL].convention == "dx":
+        if float(np.ptp(image, axis=-1).max()) < GREY_STEP:
+            expected = "normals as red, green and blue; this is grey, perhaps a height map"
+            raise InvalidInputError("folder", str(files[NORMAL].path), expected)
+        if is_green_down(files[NORMAL], image, height):
             image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
         # Bytes of 127 and 128 are both flat: programs differ in which of them they write.
         return encode_normals(2 * image - 1)
     flat = np.zeros((size, size), np.float32)
     return normals_from_height(flat if height is None else height, FOLDER_RELIEF_M, tile_m)
+
+
+def is_green_down(file: MapFile, image: Image, height: Image | None) -> bool:
+    """Return whether normals are DirectX's: by the file's name, else by the height map beside it.
+
+    Args:
+        file: The normal map.
+        image: (S, S, 3), as the file has it.
+        height: (S, S), if there is one.
+    """
+    leaning = 0.0 if height is None else _green_direction(image, height)
+    is_named_down = file.convention == "dx"
+    if file.convention and leaning and (leaning < 0) != is_named_down:
+        LOG.warning("%s: its name says %s, the heights do not", file.path, file.convention)
+    if file.convention:
+        return is_named_down
+    name, reason = ("DirectX", "heights") if leaning < 0 else ("OpenGL", "heights")
+    if not leaning:
+        reason = "neither its name nor heights beside it say which (add _dx or _gl to the name)"
+    LOG.warning("%s: taken for %s's normals, by: %s", file.path, name, reason)
+    return leaning < 0
+
+
+def _green_direction(image: Image, height: Image) -> float:
+    """Return 1 or -1 if normals lean along the slopes of heights, green up or down, else 0."""
+    down, right = (np.roll(height, -1, axis) - np.roll(height, 1, axis) for axis in (0, 1))
+    along_x, along_y = _correlation(image[..., 0], -right), _correlation(image[..., 1], down)
+    return float(np.sign(along_y)) if min(along_x, abs(along_y)) > CERTAIN else 0.0
+
+
+def _correlation(one: Image, other: Image) -> float:
+    spread = float(one.std() * other.std())
+    return float(((one - one.mean()) * (other - other.mean())).mean()) / spread if spread else 0.0
 
 
 def _roughness_and_occlusion(files: Maps, size: int) -> tuple[Image, Image]:

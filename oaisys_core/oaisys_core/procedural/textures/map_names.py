@@ -8,14 +8,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr"})
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".webp"})
+UNREAD = frozenset({".tga", ".dds", ".psd", ".ktx", ".ktx2", ".jp2", ".avif", ".heic"})
+"""Images that are not read."""
 
 COLOR, HEIGHT, NORMAL, ROUGHNESS, GLOSS = "colour", "height", "normals", "roughness", "gloss"
 OCCLUSION, PACKED, METALLIC_ROUGHNESS = "occlusion", "packed", "metallic-roughness"
 UNUSED = "unused"
 
 WORDS = {
-    COLOR: "diffuse diff albedo basecolor base-color basecolour base-colour color colour col",
+    COLOR: "diffuse diff albedo basecolor base-color basecolour base-colour color colour col"
+    " albedo-transparency albedotransparency",
     HEIGHT: "displacement disp height heightmap bump",
     NORMAL: "normal normals norm nor nrm normalmap nmap normalgl normaldx norgl nordx nrmgl nrmdx",
     ROUGHNESS: "roughness rough rgh",
@@ -26,7 +29,9 @@ WORDS = {
     UNUSED: (
         "spec specular refl reflection metal metallic metalness mask opacity alpha emissive"
         " emission translucency translucent transmission cavity fuzz curvature thickness coat"
-        " sheen anisotropy rma mra preview"
+        " sheen anisotropy rma mra preview bent-normal bent-normals bentnormal bentnormals"
+        " metallic-smoothness metallicsmoothness mask-map maskmap specular-color"
+        " specular-smoothness specularsmoothness emissive-color emission-color"
     ),
 }
 """Words by kind of map, the better first; a hyphen joins words that follow each other.
@@ -93,7 +98,9 @@ def maps_in(folder: Path) -> FolderMaps:
     Of several of a kind, that whose name starts as the folder's is used, else as most names in the
     folder, else that with the better word, else the first by name.
     """
-    files = sorted(each for each in folder.iterdir() if each.suffix.lower() in SUFFIXES)
+    # macOS puts files with a dot in front beside the true ones.
+    images = sorted(each for each in folder.iterdir() if not each.name.startswith("."))
+    files = [each for each in images if each.suffix.lower() in SUFFIXES]
     named = [found for file in files if (found := map_file(file)) is not None]
     starts = Counter(each.start for each in named)
     own = _without_sizes(_words(folder.name))
@@ -115,6 +122,9 @@ def maps_in(folder: Path) -> FolderMaps:
     for kind, others in ((GLOSS, (ROUGHNESS,)), *((each, _CONTENT[each]) for each in _CONTENT)):
         if kind in used and all(other in used for other in others):
             aside[used.pop(kind).path] = f"{used[others[0]].path.name} is used"
+    for file in images:
+        if file.suffix.lower() in UNREAD:
+            aside[file] = f"{file.suffix} is not read: save it as PNG"
     return FolderMaps({kind: used[kind] for kind in WORDS if kind in used}, aside)
 
 
@@ -164,5 +174,9 @@ def _without_sizes(words: tuple[str, ...]) -> tuple[str, ...]:
 def _shown(each: MapFile) -> str:
     if each.kind != NORMAL:
         return each.kind
-    told = {"dx": "DirectX's, green turned", "gl": "OpenGL's", "": "taken for OpenGL's"}
+    told = {
+        "dx": "DirectX's, green turned",
+        "gl": "OpenGL's",
+        "": "OpenGL's, if no height map shows otherwise",
+    }
     return f"{each.kind} ({told[each.convention]})"
