@@ -12,6 +12,7 @@ from pathlib import Path
 import boto3
 import pytest
 from rendered_datasets import write_rendered_dataset
+from small_datasets import SCANNED, render_dataset
 from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_dataset import Dataset, open_dataset
@@ -22,6 +23,17 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """Three worlds of two views each, rendered by the analytic backend; not to be changed."""
     folder = tmp_path_factory.mktemp("rendered") / "set"
     write_rendered_dataset(folder)
+    return open_dataset(folder)
+
+
+@pytest.fixture(scope="session")
+def scanned(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Two worlds of three views, seen by a camera and three lidars; not to be changed.
+
+    `front` scans every other view.
+    """
+    folder = tmp_path_factory.mktemp("scanned") / "set"
+    render_dataset(folder, {0: "train", 1: "val"}, 3, SCANNED)
     return open_dataset(folder)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import oaisys
+from commands import oaisys_here
 from small_datasets import SCANNED, render_dataset
 from synthetic_datasets import write_dataset
 
@@ -180,7 +180,7 @@ def test_a_link_among_the_exports_is_not_followed(foreign: Path, tmp_path: Path)
     victim = tmp_path / "victim"
     victim.mkdir()
     (foreign / "exports").symlink_to(victim)
-    done = oaisys("dataset", "export", foreign, "--format", "coco")
+    done = oaisys_here("dataset", "export", foreign, "--format", "coco")
     assert done.returncode == 2, done.stderr
     assert "it is a link" in done.stderr
     assert not list(victim.iterdir())
@@ -244,7 +244,7 @@ def test_each_command_says_what_is_wrong_without_a_traceback(
     change_line(foreign, ("images", "rgb", "size"), 10**12, line=1)
     change_line(foreign, ("split",), "../../split", line=1)
     name, *others = command
-    done = oaisys("dataset", name, foreign, *others)
+    done = oaisys_here("dataset", name, foreign, *others)
     assert "Traceback" not in done.stderr
     told = done.stderr + done.stdout
     assert f"{MANIFEST}:2: split: received '../../split'" in told
@@ -295,9 +295,10 @@ def test_samples_of_somebody_else_are_refused_likewise(tmp_path: Path) -> None:
     config.write_text(
         "backend: analytic\nstage: {extent_m: 10, resolution_px: 33}\n"
         f"sensors: {{cameras: [{camera}]}}\n"
+        "materials: {texture_size_px: 32, mask: {size_px: 32, relief: 0}}\nassets: {rocks: []}\n"
     )
     out = tmp_path / "out"
-    assert oaisys("render", "--config", config, "--out", out).returncode == 0
+    assert oaisys_here("render", "--config", config, "--out", out).returncode == 0
     file = out / "batch_0001/meta_data/sample_data/0001.json"
     sound = file.read_text()
     for path, value in (
@@ -314,7 +315,7 @@ def test_samples_of_somebody_else_are_refused_likewise(tmp_path: Path) -> None:
         file.write_text(json.dumps(record))
         with pytest.raises(InvalidInputError):
             list(read_samples(out / "batch_0001"))
-    done = oaisys("repeat", out)
+    done = oaisys_here("repeat", out)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     for text in TEXTS.values():
@@ -323,6 +324,6 @@ def test_samples_of_somebody_else_are_refused_likewise(tmp_path: Path) -> None:
             list(read_samples(out / "batch_0001"))
     file.write_text(sound)
     (out / "state.json").write_text("[]")
-    done = oaisys("render", "--config", config, "--out", out, "--samples", 2, "--resume")
+    done = oaisys_here("render", "--config", config, "--out", out, "--samples", 2, "--resume")
     assert done.returncode == 2
     assert "Traceback" not in done.stderr

@@ -34,14 +34,6 @@ VIEWS = 3
 SCANS_PER_WORLD = 3 + 2 + 3
 
 
-@pytest.fixture(scope="module")
-def scanned(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    """Two worlds of three views, seen by a camera and three lidars; not to be changed."""
-    folder = tmp_path_factory.mktemp("scanned") / "set"
-    render_dataset(folder, WORLDS, VIEWS, SCANNED)
-    return open_dataset(folder)
-
-
 @pytest.fixture
 def folder(scanned: Dataset, tmp_path: Path) -> Path:
     copy = tmp_path / "set"

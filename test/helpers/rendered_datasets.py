@@ -37,7 +37,7 @@ def small_config(sensors: Mapping[str, Any] | None = None) -> SimulationConfig:
             "seed": 11,
             "backend": "analytic",
             "stage": {"preset": "plane", "extent_m": EXTENT_M, "resolution_px": 65},
-            "materials": {"texture_size_px": 64, "mask": {"size_px": 32}},
+            "materials": {"texture_size_px": 64, "mask": {"size_px": 32, "relief": 0}},
             "sensors": sensors or {"cameras": [camera]},
             "assets": {"rocks": [{"count": [80, 80]}]},
             "environment": {"sun_elevation_deg": [10, 80], "ground_beyond": False},

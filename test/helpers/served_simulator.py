@@ -24,7 +24,7 @@ from oaisys_grpc.client.simulator_client import SimulatorClient
 FLAT_WORLD: dict[str, Any] = {
     "backend": "analytic",
     "stage": {"preset": "plane", "extent_m": 40, "resolution_px": 33},
-    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64, "relief": 0}},
     "assets": {"rocks": []},
     "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
 }
@@ -33,7 +33,7 @@ FLAT_WORLD: dict[str, Any] = {
 ROCKY_WORLD: dict[str, Any] = {
     **FLAT_WORLD,
     "stage": {"extent_m": 24, "resolution_px": 65},
-    "assets": {"rocks": [{"count": [20, 40]}]},
+    "assets": {"rocks": [{"count": [8, 8]}]},
 }
 
 MOUNDS: dict[str, Any] = {

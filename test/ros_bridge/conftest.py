@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from leak_check import MARK, LeakCheck
 from ros_peer import Stage, User
+
+from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE, claim_domain
 
 
 @pytest.fixture
@@ -22,3 +26,16 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
     """A stage in a ROS domain of the test; what is started on it must end with the test."""
     with Stage(tmp_path) as stage:
         yield stage
+
+
+@pytest.fixture(scope="module")
+def shared_stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    """A stage in a ROS domain of the module, whose processes must end with it."""
+    mark = str(uuid.uuid4())
+    with claim_domain() as domain_id, pytest.MonkeyPatch.context() as environment:
+        environment.setenv(DOMAIN_VARIABLE, str(domain_id))
+        environment.setenv(MARK, mark)
+        with Stage(tmp_path_factory.mktemp("stage")) as stage:
+            yield stage
+        left = LeakCheck(mark).left_behind()
+    assert not left, f"left behind: {left}"

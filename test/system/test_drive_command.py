@@ -28,6 +28,7 @@ def drive(
     data = yaml.safe_load(EXAMPLE.read_text())
     data["backend"] = "analytic"
     data["assets"]["rocks"] = []
+    data["materials"] = {"texture_size_px": 64, "mask": {"size_px": 64, "relief": 0}}
     data["sensors"]["cameras"][0] |= {"width_px": 32, "height_px": 24, "fx_px": 27, "fy_px": 27}
     data["sensors"]["lidars"][0]["scan"] |= {"azimuth_steps": 120}
     data["drive"] |= {"duration_s": 4.0, **changes}

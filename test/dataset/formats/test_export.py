@@ -12,6 +12,7 @@ from pathlib import Path
 import mlcroissant
 import numpy as np
 import pytest
+from commands import oaisys_here
 from repository import REPOSITORY
 from synthetic_datasets import LEGEND, dataset_info, drawn_arrays, frame_record
 
@@ -147,7 +148,7 @@ def test_the_command_exports_in_a_format_of_another_package(
 
 
 def test_the_command_lists_formats_without_a_data_set() -> None:
-    result = oaisys("dataset", "export", "--list")
+    result = oaisys_here("dataset", "export", "--list")
     assert result.returncode == 0, result.stderr
     assert "kitti: Colour, depth, lidar and poses of each camera" in result.stdout
     assert "    --set compression=...: level of gzip" in result.stdout
@@ -155,7 +156,7 @@ def test_the_command_lists_formats_without_a_data_set() -> None:
 
 def test_the_command_names_what_is_wrong(rendered: Dataset, tmp_path: Path) -> None:
     where, out = rendered.place.url, ("--out", str(tmp_path / "out"))
-    result = oaisys("dataset", "export", where, "--format", "cocoa", *out)
+    result = oaisys_here("dataset", "export", where, "--format", "cocoa", *out)
     assert result.returncode == 2
     assert "did you mean coco" in result.stderr
     assert "Traceback" not in result.stderr
@@ -179,11 +180,13 @@ def test_an_export_in_which_every_frame_is_left_out_is_exit_1(tmp_path: Path) ->
             pixels = drawn_arrays(np.random.default_rng(view))
             shard.add(frame_record(0, view, "train"), {name: pixels[name] for name in modalities})
         shard.finish(LEGEND)
-    result = oaisys("dataset", "export", place.url, "--format", "coco", "--out", f"{tmp_path}/out")
+    result = oaisys_here(
+        "dataset", "export", place.url, "--format", "coco", "--out", f"{tmp_path}/out"
+    )
     assert result.returncode == 1, result.stdout
     assert "coco: nothing to write: 3 frames without rgb, semantic_0, instance" in result.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
     # Formats that need less write them all.
     more = ("--format", "webdataset", "--out", f"{tmp_path}/tar")
-    result = oaisys("dataset", "export", place.url, *more)
+    result = oaisys_here("dataset", "export", place.url, *more)
     assert result.returncode == 0, result.stderr

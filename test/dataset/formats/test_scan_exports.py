@@ -25,14 +25,6 @@ from oaisys_dataset.formats.export import export_dataset
 VIEWS = 3
 
 
-@pytest.fixture(scope="module")
-def scanned(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    """Two worlds seen by a camera and three lidars; `front` scans every other view."""
-    folder = tmp_path_factory.mktemp("scanned") / "set"
-    render_dataset(folder, {0: "train", 1: "val"}, VIEWS, SCANNED)
-    return open_dataset(folder)
-
-
 def scans_of(dataset: Dataset, world: int, lidar: str) -> list[LidarScan]:
     return [dataset.scan(r) for r in dataset.scans.of_world(world) if r.sensor == lidar]
 

@@ -398,11 +398,20 @@ def test_a_pose_off_the_stage_or_under_it_is_clamped(
         flat_client.render_sample(pose_looking_down(90, 0, 5))
 
 
+@pytest.fixture(scope="module")
+def rejecting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server that rejects poses; a file stands where its folder should be."""
+    folder = tmp_path_factory.mktemp("rejecting")
+    (folder / "out").write_text("in the way")
+    options = ("--legacy-out", str(folder / "out"), "--legacy-pose-policy", "reject")
+    with Server(folder / "server", FLAT_WORLD, *options) as server:
+        yield server
+
+
 def test_a_pose_off_the_stage_or_under_it_is_refused_on_request(
-    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+    rejecting: Server, connect: Callable[[Server], OriginalClient]
 ) -> None:
-    options = ("--legacy-out", str(tmp_path / "out"), "--legacy-pose-policy", "reject")
-    client = connect(start_server(FLAT_WORLD, *options))
+    client = connect(rejecting)
     client.new_batch()
     for xyz in UNDER_AND_OFF:
         assert not client.step_sample(xyz).successRet
@@ -410,11 +419,9 @@ def test_a_pose_off_the_stage_or_under_it_is_refused_on_request(
 
 
 def test_a_failed_step_is_finished_without_files_and_says_why(
-    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+    rejecting: Server, connect: Callable[[Server], OriginalClient]
 ) -> None:
-    """A file stands where the folder should be, so that no image can be written."""
-    (tmp_path / "out").write_text("in the way")
-    client = connect(start_server(FLAT_WORLD, "--legacy-out", str(tmp_path / "out")))
+    client = connect(rejecting)
     client.new_batch()
     assert client.step_sample((0, 0, 5)).successRet
     wait_until(lambda: client.call("RenderFinished").state != BUSY)

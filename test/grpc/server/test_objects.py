@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -39,9 +39,14 @@ def adding(name: str, **changes: Any) -> ModuleMetadata:
     return ModuleMetadata(asset={"add": {name: {**BOULDER, **changes}}})
 
 
-@pytest.fixture
-def client(start_server: StartServer) -> Any:
-    with start_server(WORLD).client() as client:
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatorClient]:
+    """A client of a server with things; before the first batch there are none to list."""
+    folder = tmp_path_factory.mktemp("objects") / "server"
+    with Server(folder, WORLD) as server, server.client() as client:
+        with pytest.raises(NotReadyError):
+            client.list_objects()
+        client.step_batch()
         yield client
 
 
@@ -52,9 +57,6 @@ def names(
 
 
 def test_everything_is_listed_once_in_the_order_of_its_ids(client: SimulatorClient) -> None:
-    with pytest.raises(NotReadyError):
-        client.list_objects()
-    client.step_batch()
     page = client.list_objects()
     assert (page.total, page.next_after_instance_id) == (52, 0)
     ids = [thing.instance_id for thing in page.objects]
@@ -72,7 +74,6 @@ def test_everything_is_listed_once_in_the_order_of_its_ids(client: SimulatorClie
 
 def test_a_list_says_where_what_is_seen_is(client: SimulatorClient) -> None:
     """The instance image is the judge: every id in it is listed, inside its box."""
-    client.step_batch()
     sample = client.render_sample(pose_looking_down(0, 0, 15))
     ids = np.unique(sample.frame("camera", "instance").data)
     seen = tuple(int(i) for i in ids if i)
@@ -89,7 +90,6 @@ def test_a_list_says_where_what_is_seen_is(client: SimulatorClient) -> None:
 
 
 def test_pages_and_filters_bound_what_is_sent(client: SimulatorClient) -> None:
-    client.step_batch()
     everything = names(client)
     read: list[str] = []
     after = 0
@@ -123,7 +123,6 @@ def test_pages_and_filters_bound_what_is_sent(client: SimulatorClient) -> None:
 def test_what_metadata_would_bring_is_listed_and_checked_but_not_done(
     client: SimulatorClient,
 ) -> None:
-    client.step_batch()
     pose = pose_looking_down(3, 3, 6)
     before = client.render_sample(pose).frame("camera", "instance").data
     rock = client.list_objects(ObjectQuery(kinds=("rock",), limit=1)).objects[0]

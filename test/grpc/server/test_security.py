@@ -8,7 +8,7 @@ import stat
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from blender_process import skip_without_blender
 from certificates import Authority
-from commands import oaisys
+from commands import oaisys_here
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, Server
 from waiting import PATIENCE_S
@@ -89,10 +89,29 @@ def test_a_name_is_judged_by_what_it_stands_for() -> None:
             check_address(address, insecure=False, encrypted=False)
 
 
-def test_insecure_serves_others(start_server: StartServer) -> None:
-    address = start_server(FLAT_WORLD, "--insecure", "--address", "0.0.0.0:0").address
-    with SimulatorClient(f"127.0.0.1:{address.rpartition(':')[2]}") as client:
-        assert client.is_ready(PATIENCE_S)
+@pytest.fixture(scope="module")
+def insecure(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server for all, started in a folder whose modules must not be imported."""
+    folder = tmp_path_factory.mktemp("insecure")
+    for name in ("numpy", "random", "scipy", "yaml", "cv2", "open3d"):
+        trap = f"open({str(folder / 'sprung')!r}, 'w')\nraise SystemExit"
+        (folder / f"{name}.py").write_text(trap)
+    with pytest.MonkeyPatch.context() as place:
+        place.chdir(folder)
+        options = ("--insecure", "--address", "0.0.0.0:0")
+        with Server(folder / "server", FLAT_WORLD, *options) as server:
+            yield server
+
+
+@pytest.fixture
+def outsider(insecure: Server) -> Iterator[SimulatorClient]:
+    port = insecure.address.rpartition(":")[2]
+    with SimulatorClient(f"127.0.0.1:{port}", timeout_s=PATIENCE_S) as client:
+        yield client
+
+
+def test_insecure_serves_others(outsider: SimulatorClient) -> None:
+    assert outsider.is_ready(PATIENCE_S)
 
 
 def test_tls_encrypts_and_proves_the_server(start_server: StartServer, tmp_path: Path) -> None:
@@ -116,12 +135,15 @@ def test_tls_encrypts_and_proves_the_server(start_server: StartServer, tmp_path:
         assert client.is_ready(PATIENCE_S)
 
 
-def test_mutual_tls_lets_only_known_clients_in(start_server: StartServer, tmp_path: Path) -> None:
+def test_mutual_tls_lets_only_known_clients_in_and_gives_them_heights(
+    start_server: StartServer, tmp_path: Path
+) -> None:
     authority, stranger = Authority(tmp_path), Authority(tmp_path, "stranger")
     cert, key = authority.pair("server")
     tls = ["--tls-cert", str(cert), "--tls-key", str(key), "--tls-client-ca", str(authority.ca)]
     address = start_server(FLAT_WORLD, *tls).address
-    known = ClientTls(authority.ca, *authority.pair("client"))
+    own_cert, own_key = authority.pair("client")
+    known = ClientTls(authority.ca, own_cert, own_key)
     for refused in (ClientTls(authority.ca), ClientTls(authority.ca, *stranger.pair("other"))):
         with (
             SimulatorClient(address, timeout_s=5, tls=refused) as client,
@@ -131,18 +153,6 @@ def test_mutual_tls_lets_only_known_clients_in(start_server: StartServer, tmp_pa
     with SimulatorClient(address, tls=known) as client:
         client.wait_ready(PATIENCE_S)
         assert client.info().backend == "analytic"
-
-
-def test_heights_come_from_a_server_that_wants_to_know_its_clients(
-    start_server: StartServer, tmp_path: Path
-) -> None:
-    authority = Authority(tmp_path)
-    cert, key = authority.pair("server")
-    tls = ["--tls-cert", str(cert), "--tls-key", str(key), "--tls-client-ca", str(authority.ca)]
-    address = start_server(FLAT_WORLD, *tls).address
-    own_cert, own_key = authority.pair("client")
-    known = ClientTls(authority.ca, own_cert, own_key)
-    with SimulatorClient(address, tls=known) as client:
         client.step_batch()
     ca, pair = ("--tls-ca", authority.ca), ("--tls-cert", own_cert, "--tls-key", own_key)
     server, out = ("--address", address), tmp_path / "heights.npz"
@@ -152,7 +162,7 @@ def test_heights_come_from_a_server_that_wants_to_know_its_clients(
         (2, *server, *ca, "--tls-cert", own_cert),  # without its key
         (2, *ca),  # no server
     ):
-        done = oaisys("heights", "--out", out, *options)
+        done = oaisys_here("heights", "--out", out, *options)
         assert done.returncode == code, done.stderr
         assert "Traceback" not in done.stderr
         assert out.exists() == (code == 0)
@@ -360,27 +370,23 @@ def test_the_configuration_may_name_any_file(start_server: StartServer, places: 
             client.step_batch(metadata=other)
 
 
-def test_the_default_root_is_the_configurations_folder(start_server: StartServer) -> None:
-    server = start_server(FLAT_WORLD)
-    server.stdout.with_name("near.csv").write_text("x_m,y_m,z_m,qx,qy,qz,qw\n0,0,9,0,0,0,1\n")
-    with server.client() as client:
-        metadata = ModuleMetadata(sensor={"motion": {"kind": "csv", "path": "near.csv"}})
-        client.step_batch(metadata=metadata)
-        assert client.render_sample().rig_pose.position_m == (0, 0, 9)
+def test_the_default_root_is_the_configurations_folder(
+    insecure: Server, outsider: SimulatorClient
+) -> None:
+    insecure.stdout.with_name("near.csv").write_text("x_m,y_m,z_m,qx,qy,qz,qw\n0,0,9,0,0,0,1\n")
+    metadata = ModuleMetadata(sensor={"motion": {"kind": "csv", "path": "near.csv"}})
+    outsider.step_batch(metadata=metadata)
+    assert outsider.render_sample().rig_pose.position_m == (0, 0, 9)
 
 
 def test_a_worker_imports_nothing_from_the_current_folder(
-    start_server: StartServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    insecure: Server, outsider: SimulatorClient
 ) -> None:
-    trap = tmp_path / "trap"
-    trap.mkdir()
-    for name in ("numpy", "random", "scipy", "yaml", "cv2", "open3d"):
-        (trap / f"{name}.py").write_text(f"open({str(trap / 'sprung')!r}, 'w')\nraise SystemExit")
-    monkeypatch.chdir(trap)
-    with start_server(FLAT_WORLD).client() as client:
-        client.step_batch()
-        client.render_sample(NADIR, modalities=["depth"])
-    assert not (trap / "sprung").exists()
+    outsider.step_batch()
+    outsider.render_sample(NADIR, modalities=["depth"])
+    started_in = insecure.stdout.parent.parent
+    assert (started_in / "numpy.py").exists()
+    assert not (started_in / "sprung").exists()
 
 
 def test_hostile_files_in_the_asset_roots_are_refused_and_the_worker_lives(

@@ -2,7 +2,7 @@
 
 import json
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import grpc
@@ -12,7 +12,7 @@ from commands import oaisys
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import (
     ProtoReflectionDescriptorDatabase,
 )
-from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server, code_of
+from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server, code_of, stepped_server
 from waiting import PATIENCE_S
 
 from oaisys_core.config import config_from_mapping, config_sha256
@@ -25,13 +25,6 @@ from oaisys_grpc.contract.operation import State
 
 StartServer = Callable[..., Server]
 NADIR = pose_looking_down(1, 2, 7)
-
-
-def test_a_sample_before_a_batch_is_refused(start_server: StartServer) -> None:
-    with start_server(FLAT_WORLD).client() as client:
-        assert client.info().batch_id == 0
-        with pytest.raises(NotReadyError, match="batch"):
-            client.render_sample(NADIR)
 
 
 def test_depth_of_a_plane_is_as_the_closed_form_says(flat_client: SimulatorClient) -> None:
@@ -56,12 +49,15 @@ def test_a_sample_says_where_it_is_from(flat_client: SimulatorClient) -> None:
     assert info.stage_extent_m == (-20, -20, 20, 20)
 
 
-def test_noise_and_drift_come_with_the_frames_and_can_be_switched_off(
+def test_noise_and_drift_come_with_the_frames_after_a_batch_and_can_be_switched_off(
     start_server: StartServer,
 ) -> None:
     faults = {"depth_noise": "gaussian", "depth_sigma_m": 0.5, "drift_m": 0.25, "seed": 4}
     config = {**FLAT_WORLD, "sensors": {**FLAT_WORLD.get("sensors", {}), "faults": faults}}
     with start_server(config).client() as client:
+        assert client.info().batch_id == 0
+        with pytest.raises(NotReadyError, match="batch"):
+            client.render_sample(NADIR)
         client.step_batch()
         first = client.render_sample(NADIR)
         second = client.render_sample(NADIR)
@@ -132,12 +128,18 @@ def test_more_heights_than_fit_a_message(flat_client: SimulatorClient) -> None:
     np.testing.assert_allclose(heights.clearance_m, points_m[:, 2], atol=1e-6)
 
 
-def test_the_mesh_is_the_surface_that_was_rendered(start_server: StartServer) -> None:
-    with start_server(ROCKY_WORLD).client() as client:
-        client.step_batch()
-        mesh = client.ground_truth_mesh()
-        inner = mesh.vertices_m[np.abs(mesh.vertices_m[:, :2]).max(axis=1) < 11.9]
-        heights = client.query_height(inner)
+@pytest.fixture(scope="module")
+def rocky_client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatorClient]:
+    """A client of a server with rocks; a first batch stands."""
+    folder = tmp_path_factory.mktemp("rocky") / "server"
+    with stepped_server(folder, ROCKY_WORLD) as server, server.client() as client:
+        yield client
+
+
+def test_the_mesh_is_the_surface_that_was_rendered(rocky_client: SimulatorClient) -> None:
+    mesh = rocky_client.ground_truth_mesh()
+    inner = mesh.vertices_m[np.abs(mesh.vertices_m[:, :2]).max(axis=1) < 11.9]
+    heights = rocky_client.query_height(inner)
     assert mesh.triangles.max() < len(mesh.vertices_m)
     assert mesh.semantic_ids is not None
     assert len(mesh.semantic_ids) == len(mesh.triangles)
@@ -146,12 +148,10 @@ def test_the_mesh_is_the_surface_that_was_rendered(start_server: StartServer) ->
     assert np.median(np.abs(heights.clearance_m)) < 1e-4
 
 
-def test_large_images_pass_the_default_limits(start_server: StartServer) -> None:
+def test_large_images_pass_the_default_limits(flat_client: SimulatorClient) -> None:
     camera = {"width_px": 1600, "height_px": 1200, "fx_px": 1350.0, "fy_px": 1350.0}
-    world = {**FLAT_WORLD, "sensors": {"cameras": [camera]}}
-    with start_server(world).client() as client:
-        client.step_batch()
-        sample = client.render_sample(NADIR, modalities=["depth"])
+    large = ModuleMetadata(sensor={"cameras": {"camera": camera}})
+    sample = flat_client.render_sample(NADIR, modalities=["depth"], metadata=large)
     depth_m = sample.frame("camera", "depth").data
     assert depth_m.nbytes > 4 * 1024 * 1024
     np.testing.assert_allclose(depth_m, np.full((1200, 1600), 7.0), rtol=1e-5)
@@ -223,30 +223,29 @@ def test_bytes_that_are_no_grpc_do_no_harm(flat_server: Server) -> None:
 
 
 def test_height_fields_come_in_chunks_and_are_what_queries_say(
-    start_server: StartServer, tmp_path: Path
+    rocky_client: SimulatorClient,
 ) -> None:
-    with start_server(ROCKY_WORLD).client() as client:
-        client.step_batch()
-        x0, y0, x1, _ = client.info().stage_extent_m or (0, 0, 0, 0)
-        resolution_m = (x1 - x0) / 700  # more than one chunk of 1 MiB
-        grid = client.height_grid(resolution_m)
-        assert grid.ground_m.nbytes > 1 << 20
-        rows, columns = grid.ground_m.shape
-        row, column = np.random.default_rng(3).integers((rows, columns), size=(500, 2)).T
-        x = grid.origin_xy_m[0] + grid.spacing_m * column
-        y = grid.origin_xy_m[1] + grid.spacing_m * row
-        asked = client.query_height(np.column_stack((x, y, np.zeros(500))))
-        np.testing.assert_array_equal(grid.ground_m[row, column], np.float32(asked.ground_height_m))
-        top_m = np.float32(asked.surface_height_m)
-        np.testing.assert_array_equal(grid.surface_m[row, column], top_m)
-        assert (top_m > np.float32(asked.ground_height_m)).any()
-        part = client.height_grid(0.5, (x0 - 1, y0 - 1, x0 + 1, y0 + 1))
-        assert np.isnan(part.ground_m).sum() == 12
-        for resolution_m in (1e-6, 0.0, float("nan"), 5e-324):
-            with pytest.raises(InvalidInputError, match="resolution_m"):
-                client.height_grid(resolution_m)
-        with pytest.raises(InvalidInputError, match="extent_m"):
-            client.height_grid(1.0, (0, 0, 0, 0))
+    client = rocky_client
+    x0, y0, x1, _ = client.info().stage_extent_m or (0, 0, 0, 0)
+    resolution_m = (x1 - x0) / 520  # more than one chunk of 1 MiB
+    grid = client.height_grid(resolution_m)
+    assert grid.ground_m.nbytes > 1 << 20
+    rows, columns = grid.ground_m.shape
+    row, column = np.random.default_rng(3).integers((rows, columns), size=(500, 2)).T
+    x = grid.origin_xy_m[0] + grid.spacing_m * column
+    y = grid.origin_xy_m[1] + grid.spacing_m * row
+    asked = client.query_height(np.column_stack((x, y, np.zeros(500))))
+    np.testing.assert_array_equal(grid.ground_m[row, column], np.float32(asked.ground_height_m))
+    top_m = np.float32(asked.surface_height_m)
+    np.testing.assert_array_equal(grid.surface_m[row, column], top_m)
+    assert (top_m > np.float32(asked.ground_height_m)).any()
+    part = client.height_grid(0.5, (x0 - 1, y0 - 1, x0 + 1, y0 + 1))
+    assert np.isnan(part.ground_m).sum() == 12
+    for resolution_m in (1e-6, 0.0, float("nan"), 5e-324):
+        with pytest.raises(InvalidInputError, match="resolution_m"):
+            client.height_grid(resolution_m)
+    with pytest.raises(InvalidInputError, match="extent_m"):
+        client.height_grid(1.0, (0, 0, 0, 0))
 
 
 @pytest.mark.long

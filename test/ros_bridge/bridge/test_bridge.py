@@ -47,12 +47,12 @@ WORLD: dict[str, Any] = {
     "sensors": {
         "cameras": [
             {  # nothing symmetric, so that no mistake cancels out
-                "width_px": 160,
-                "height_px": 120,
-                "fx_px": 130.0,
-                "fy_px": 140.0,
-                "cx_px": 70.25,
-                "cy_px": 65.5,
+                "width_px": 80,
+                "height_px": 60,
+                "fx_px": 65.0,
+                "fy_px": 70.0,
+                "cx_px": 35.25,
+                "cy_px": 32.5,
                 "mount_position_m": [0.3, -0.2, 0.1],
                 "mount_quat_xyzw": Rotation.from_euler("xyz", [8, 5, -12], degrees=True)
                 .as_quat()
@@ -74,14 +74,27 @@ STAMPED_TOPICS: dict[str, type[Any]] = {
 }
 
 
-@pytest.fixture
-def bridged(stage: Stage) -> User:
+@pytest.fixture(scope="module")
+def shared_user(shared_stage: Stage) -> User:
     """A user who hears everything of a bridge in the world with a ball."""
-    server = stage.start_world(WORLD)
-    listen(stage.user)
-    stage.start_bridge(server.address)
-    stage.user.wait_until_ready()
-    return stage.user
+    server = shared_stage.start_world(WORLD)
+    listen(shared_stage.user)
+    shared_stage.start_bridge(server.address)
+    shared_stage.user.wait_until_ready()
+    return shared_stage.user
+
+
+@pytest.fixture
+def bridged(shared_user: User) -> User:
+    """That user, with a new batch and nothing received but what is latched."""
+    step_batch(shared_user)
+    for topic in (*STAMPED_TOPICS, "/tf"):
+        shared_user.received[topic].clear()
+    return shared_user
+
+
+def step_batch(user: User, **fields: Any) -> StepBatch.Response:
+    return user.call(StepBatch, "step_batch", StepBatch.Request(**{"seed": -1, **fields}))
 
 
 def listen(user: User) -> None:
@@ -180,7 +193,7 @@ def test_a_ball_is_seen_where_transforms_and_camera_info_say(bridged: User) -> N
         expected = np.zeros(instance.shape, np.uint8)
         cv2.fillPoly(expected, [np.rint(outline * 256).astype(np.int32)], 1, shift=8)
         edge = cv2.dilate(expected, np.ones((3, 3))) - cv2.erode(expected, np.ones((3, 3)))
-        assert expected.sum() > 200
+        assert expected.sum() > 50
         np.testing.assert_array_equal((instance > 0)[edge == 0], (expected > 0)[edge == 0])
         np.testing.assert_array_equal(semantic[edge == 0] == BALL_ID, expected[edge == 0] > 0)
 
@@ -218,7 +231,8 @@ def test_messages_name_their_frames_and_say_how_to_repeat_them(bridged: User) ->
         "camera/instance/image_raw": "32SC1",
     }
     info = sample["oaisys_bridge/sample_info"]
-    assert (info.batch_id, info.sample_id) == (answer.batch_id, answer.sample_id) == (1, 1)
+    assert (info.batch_id, info.sample_id) == (answer.batch_id, answer.sample_id)
+    assert answer.batch_id >= info.sample_id == 1
     assert info.backend == "analytic"
     assert len(info.config_sha256) == 64
     assert (info.device, info.from_cache) == ("cpu", False)
@@ -286,9 +300,6 @@ def test_batches_and_metadata_are_set_or_refused_with_the_reason(bridged: User) 
         request = SetMetadata.Request(module=module, metadata_json=text)
         return bridged.call(SetMetadata, "set_metadata", request)
 
-    def step_batch(**fields: Any) -> StepBatch.Response:
-        return bridged.call(StepBatch, "step_batch", StepBatch.Request(**fields))
-
     for module, text, reason in (
         ("weather", "{}", "one of asset"),
         ("environment", "{", "JSON"),
@@ -303,7 +314,9 @@ def test_batches_and_metadata_are_set_or_refused_with_the_reason(bridged: User) 
     spoilt = bridged.set_pose(pose_looking_down(0, 0, 5))
     assert not spoilt.success
     assert "sun_colour" in spoilt.message
-    assert bridged.set_pose(pose_looking_down(0, 0, 5)).success
+    answer = bridged.set_pose(pose_looking_down(0, 0, 5))
+    first = answer.batch_id
+    assert answer.success
 
     dark = json.dumps({"sun_strength_w_m2": 0.0, "sky_strength": 0.0})
     assert set_metadata("environment", dark).success
@@ -316,13 +329,13 @@ def test_batches_and_metadata_are_set_or_refused_with_the_reason(bridged: User) 
     rgb = all_of_sample(bridged, bridged.set_pose(pose_looking_down(0, 0, 5)).stamp)
     assert image_from_msg(rgb["camera/color/image_raw"]).max() > 30
 
-    assert not step_batch(seed=-5).success
-    assert "metadata_json.sky" in step_batch(seed=-1, metadata_json='{"sky": 1}').message
-    second, third = step_batch(seed=-1), step_batch(seed=7, reuse_stage=True)
-    assert (second.success, second.batch_id) == (True, 2)
-    assert (third.success, third.batch_id) == (True, 3)
+    assert not step_batch(bridged, seed=-5).success
+    assert "metadata_json.sky" in step_batch(bridged, metadata_json='{"sky": 1}').message
+    second, third = step_batch(bridged), step_batch(bridged, seed=7, reuse_stage=True)
+    assert (second.success, second.batch_id) == (True, first + 1)
+    assert (third.success, third.batch_id) == (True, first + 2)
     answer = bridged.set_pose(pose_looking_down(0, 0, 5))
-    assert (answer.batch_id, answer.sample_id) == (3, 1)
+    assert (answer.batch_id, answer.sample_id) == (first + 2, 1)
 
 
 def test_of_many_commands_the_newest_wins(bridged: User) -> None:

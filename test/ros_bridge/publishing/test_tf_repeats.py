@@ -21,7 +21,7 @@ from oaisys_ros_bridge.qos import CLOCK_QOS, LATCHED_QOS, TF_QOS
 
 pytestmark = pytest.mark.ros
 METRICS = "oaisys_mapper/metrics"
-REPEATS = 25
+REPEATS = 8
 RATE_HZ = 10
 PERIODS = 10
 """Of the usual rate, in which nothing may come."""

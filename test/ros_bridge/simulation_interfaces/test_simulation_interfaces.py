@@ -85,6 +85,12 @@ class Simulator:
         return list(answer.entities)
 
 
+@pytest.fixture(scope="module")
+def simulator(shared_stage: Stage) -> Simulator:
+    """A simulator with things, which no test may end."""
+    return started(shared_stage, THINGS)
+
+
 def started(stage: Stage, world: dict[str, Any]) -> Simulator:
     server = stage.start_world(world)
     stage.user.listen(SampleInfo, SAMPLES, SMALL_MESSAGE_QOS)
@@ -103,17 +109,19 @@ def box(*corners: Sequence[float], kind: int = Bounds.TYPE_BOX) -> Bounds:
     return Bounds(type=kind, points=points)
 
 
-def test_a_simulation_is_paused_stepped_and_played(stage: Stage) -> None:
-    simulator = started(stage, FLAT_WORLD)
-    samples = stage.user.received[SAMPLES]
+def test_a_simulation_is_paused_stepped_and_played(simulator: Simulator) -> None:
+    user = simulator.user
+    assert user.call(StepBatch, "step_batch", StepBatch.Request(seed=-1)).success
+    samples = user.received[SAMPLES]
+    samples.clear()
     assert simulator.state() == PLAYING
     code, message, _ = simulator.call("StepSimulation", steps=1)
     assert (code, "playing" in message) == (Result.RESULT_OPERATION_FAILED, True)
-    assert stage.user.set_pose(down(5)).success
+    assert user.set_pose(down(5)).success
 
     assert simulator.set_state(PAUSED)[0] == Result.RESULT_OK
     assert simulator.set_state(PAUSED)[0] == srv.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
-    answer = stage.user.set_pose(down(6))
+    answer = user.set_pose(down(6))
     assert (answer.success, "paused" in answer.message) == (False, True)
     assert simulator.put("base_link", down(7))[0] == Result.RESULT_OK
     assert simulator.position("base_link") == [0, 0, 7]
@@ -121,32 +129,30 @@ def test_a_simulation_is_paused_stepped_and_played(stage: Stage) -> None:
     assert simulator.call("StepSimulation", steps=0)[0] == Result.RESULT_OPERATION_FAILED
     assert simulator.call("StepSimulation", steps=3)[0] == Result.RESULT_OK
 
-    stage.user.wait_until(lambda: len(samples) == 4)
+    user.wait_until(lambda: len(samples) == 4)
     assert [(s.sample_id, s.rig_pose.position.z) for s in samples[1:]] == [(2, 7), (3, 7), (4, 7)]
     assert simulator.state() == PAUSED
-    client = stage.user.action_client(SimulateSteps, "oaisys_bridge/simulate_steps")
+    client = user.action_client(SimulateSteps, "oaisys_bridge/simulate_steps")
     feedback: list[tuple[int, int]] = []
     sent = client.send_goal_async(
         SimulateSteps.Goal(steps=3),
         lambda m: feedback.append((m.feedback.completed_steps, m.feedback.remaining_steps)),
     )
-    goal = stage.user.answer(sent)
+    goal = user.answer(sent)
     # A client of rclpy passes no feedback on once it has the result.
-    stage.user.wait_until(lambda: len(feedback) == 3)
-    done = stage.user.answer(goal.get_result_async())
+    user.wait_until(lambda: len(feedback) == 3)
+    done = user.answer(goal.get_result_async())
     assert (done.status, done.result.result.result) == (GoalStatus.STATUS_SUCCEEDED, 1)
     assert feedback == [(1, 2), (2, 1), (3, 0)]
 
     assert simulator.set_state(PLAYING)[0] == Result.RESULT_OK
-    assert stage.user.set_pose(down(8)).sample_id == 8
-    goal = stage.user.answer(client.send_goal_async(SimulateSteps.Goal(steps=1)))
-    failed = stage.user.answer(goal.get_result_async())
+    assert user.set_pose(down(8)).sample_id == 8
+    goal = user.answer(client.send_goal_async(SimulateSteps.Goal(steps=1)))
+    failed = user.answer(goal.get_result_async())
     assert failed.status == GoalStatus.STATUS_ABORTED
     assert "playing" in failed.result.result.error_message
     code, message, _ = simulator.set_state(SimulationState.STATE_NO_WORLD)
     assert (code, "4" in message) == (srv.SetSimulationState.Response.INCORRECT_TRANSITION, True)
-    assert simulator.set_state(QUITTING)[0] == Result.RESULT_OK
-    stage.user.wait_until_ready(False)
 
 
 def test_entities_are_found_asked_and_put_somewhere(stage: Stage) -> None:
@@ -192,6 +198,8 @@ def test_entities_are_found_asked_and_put_somewhere(stage: Stage) -> None:
     assert (code, list(answer.entities), len(answer.states)) == (1, ["base_link"], 1)
     assert answer.states[0].header.frame_id == "map"
     assert "sensor" in simulator.call("GetEntityInfo", entity="camera")[2].info.tags
+    assert simulator.set_state(QUITTING)[0] == Result.RESULT_OK
+    stage.user.wait_until_ready(False)
 
 
 @pytest.mark.long
@@ -245,10 +253,9 @@ def test_worlds_are_loaded_and_begun_again_with_the_same_bytes(stage: Stage) -> 
     assert [w.world_resource.uri for w in worlds] == [world.world_resource.uri, "oaisys:next"]
 
 
-def test_what_is_not_supported_says_so(stage: Stage) -> None:
-    simulator = started(stage, FLAT_WORLD)
+def test_what_is_not_supported_says_so(simulator: Simulator) -> None:
     kind = srv.GetSimulatorFeatures
-    answer = stage.user.call(kind, "get_simulator_features", kind.Request())
+    answer = simulator.user.call(kind, "get_simulator_features", kind.Request())
     features = set(answer.features.features)
     supported = ("STEP_SIMULATION_ACTION", "WORLD_LOADING", "ENTITY_STATE_SETTING")
     for name in (*supported, "SPAWNING", "SPAWNING_RESOURCE_STRING", "DELETING"):
@@ -370,8 +377,7 @@ def test_meshes_within_the_asset_roots_can_be_spawned_and_no_others(
     )
 
 
-def test_what_cannot_be_spawned_is_refused_with_its_reason(stage: Stage) -> None:
-    simulator = started(stage, THINGS)
+def test_what_cannot_be_spawned_is_refused_with_its_reason(simulator: Simulator) -> None:
     codes = srv.SpawnEntity.Response
     nowhere = Pose((0.0, 0.0, float("nan")), (0.0, 0.0, 0.0, 1.0))
     for name, fields, expected in (
@@ -397,7 +403,7 @@ def test_what_cannot_be_spawned_is_refused_with_its_reason(stage: Stage) -> None
         assert (code, "stay" in message) == (Result.RESULT_OPERATION_FAILED, True)
     assert simulator.call("DeleteEntity", entity="nobody")[0] == Result.RESULT_NOT_FOUND
     # Nothing that was refused waits for the next sample.
-    assert stage.user.set_pose(down(5)).success
+    assert simulator.user.set_pose(down(5)).success
     assert simulator.entities(tags=TagsFilter(tags=["added"])) == ["mark_1"]
 
 

@@ -34,7 +34,7 @@ from tools.soak.counts import busy_loops, stamps_of
 
 pytestmark = pytest.mark.ros
 
-SWEPT, ASKED = 60, 30
+SWEPT, ASKED = 30, 10
 VIEWS = SWEPT + ASKED
 FIRST = 2
 """Samples before a node is stopped. A recorder cannot tell whether messages of its first one were

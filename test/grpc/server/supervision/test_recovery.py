@@ -15,7 +15,7 @@ import grpc
 import psutil
 import pytest
 from attacks import OURS, own_channel
-from served_simulator import ROCKY_WORLD, Server, code_of
+from served_simulator import FLAT_WORLD, Server, code_of
 from waiting import PATIENCE_S, SHUTDOWN_S, wait_until, within
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError, WorkerLostError
@@ -51,7 +51,7 @@ def render_until(client: SimulatorClient, begun: threading.Event) -> Sample:
 
 @pytest.mark.long
 def test_a_worker_killed_while_idle_is_replaced_unasked(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD)
+    server = start_server(FLAT_WORLD)
     with server.client() as client:
         client.step_batch()
         lamps = {"left": {"frame": "base_link", "position_m": [0, 0, 1], "strength_w": 900}}
@@ -70,13 +70,13 @@ def test_a_worker_killed_while_idle_is_replaced_unasked(start_server: StartServe
 
 @pytest.mark.long
 def test_faults_strike_in_test_builds_only(start_server: StartServer) -> None:
-    with start_server(ROCKY_WORLD, OAISYS_FAULT="crash").client() as client:
+    with start_server(FLAT_WORLD, OAISYS_FAULT="crash").client() as client:
         client.step_batch()
         assert client.render_sample(POSES[0]).sample_id == 1
 
 
 def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD)
+    server = start_server(FLAT_WORLD)
     worker = server.worker()
     with server.client() as client:
         client.step_batch()
@@ -102,7 +102,7 @@ def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> No
 def test_signals_end_everything_quietly_even_while_it_renders(
     start_server: StartServer, signals: list[signal.Signals]
 ) -> None:
-    server = start_server(ROCKY_WORLD, OAISYS_FAULT=f"slow:{2 * PATIENCE_S}", **TEST_BUILD)
+    server = start_server(FLAT_WORLD, OAISYS_FAULT=f"slow:{2 * PATIENCE_S}", **TEST_BUILD)
     with server.client() as client, ThreadPoolExecutor() as pool:
         client.step_batch()
         worker = server.worker()
@@ -124,7 +124,7 @@ def test_signals_end_everything_quietly_even_while_it_renders(
 
 @pytest.mark.long
 def test_a_render_that_is_nearly_done_may_end_after_a_signal(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow:0.3", **TEST_BUILD)
+    server = start_server(FLAT_WORLD, OAISYS_FAULT="slow:0.3", **TEST_BUILD)
     with server.client() as client, ThreadPoolExecutor() as pool:
         client.step_batch()
         # A worker's first sample may take longer than an ending server waits.
@@ -139,7 +139,7 @@ def test_a_render_that_is_nearly_done_may_end_after_a_signal(start_server: Start
 
 
 def test_a_signal_while_the_worker_starts_ends_quietly(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD)
+    server = start_server(FLAT_WORLD)
     worker = server.worker()
     with within(SHUTDOWN_S):
         for _ in range(2):  # SIGHUP left the worker's folder behind
@@ -150,7 +150,7 @@ def test_a_signal_while_the_worker_starts_ends_quietly(start_server: StartServer
 
 
 def test_end_simulation_ends_everything(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD)
+    server = start_server(FLAT_WORLD)
     worker = server.worker()
     with server.client() as client:
         client.step_batch()
@@ -163,7 +163,6 @@ def test_end_simulation_ends_everything(start_server: StartServer) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        (["--address", "0.0.0.0:0"], 2, "--insecure"),
         (["--worker-python", "/bin/false"], 1, "exited with 1"),
         (["--worker-python", "/nowhere/python"], 1, "cannot start"),
         (["--backend", "paper"], 2, "paper"),
@@ -172,7 +171,7 @@ def test_end_simulation_ends_everything(start_server: StartServer) -> None:
 def test_what_cannot_be_served_is_refused_with_one_line(
     start_server: StartServer, options: list[str], code: int, said: str
 ) -> None:
-    server = start_server(ROCKY_WORLD, *options)
+    server = start_server(FLAT_WORLD, *options)
     assert server.process.wait(PATIENCE_S) == code
     assert said in server.stderr.read_text()
     assert "Traceback" not in server.stderr.read_text()
@@ -200,7 +199,7 @@ def test_how_a_worker_ended_is_not_hidden_by_our_own_signal(tmp_path: Path) -> N
 def test_a_worker_that_others_kill_is_said_to_be_killed_by_them(
     start_server: StartServer,
 ) -> None:
-    server = start_server(ROCKY_WORLD, OAISYS_FAULT=f"slow:{2 * PATIENCE_S}", **TEST_BUILD)
+    server = start_server(FLAT_WORLD, OAISYS_FAULT=f"slow:{2 * PATIENCE_S}", **TEST_BUILD)
     with server.client() as client, ThreadPoolExecutor() as pool:
         client.step_batch()
         begun = threading.Event()
@@ -214,7 +213,7 @@ def test_a_worker_that_others_kill_is_said_to_be_killed_by_them(
 
 
 def test_a_shutdown_blames_nobody_for_the_worker_that_it_kills(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD, OAISYS_FAULT=f"batch-slow:{PATIENCE_S}", **TEST_BUILD)
+    server = start_server(FLAT_WORLD, OAISYS_FAULT=f"batch-slow:{PATIENCE_S}", **TEST_BUILD)
     begun = threading.Event()
 
     def listen(progress: Progress) -> None:
@@ -242,18 +241,18 @@ def test_what_a_killed_server_left_is_gone_after_the_next_start(
     (shared / f"{PREFIX}not-ours").mkdir(parents=True)
     (shared / f"{PREFIX}link").symlink_to(tmp_path)
     others = set(shared.iterdir())
-    killed = start_server(ROCKY_WORLD, TMPDIR=str(shared))
+    killed = start_server(FLAT_WORLD, TMPDIR=str(shared))
     with killed.client() as client:
         client.step_batch()
     (left,) = set(shared.iterdir()) - others
-    living = start_server(ROCKY_WORLD, TMPDIR=str(shared))
+    living = start_server(FLAT_WORLD, TMPDIR=str(shared))
     with living.client() as client:
         client.step_batch()
     (kept,) = set(shared.iterdir()) - others - {left}
     killed.process.kill()
     killed.process.wait()
     assert left.exists()
-    third = start_server(ROCKY_WORLD, TMPDIR=str(shared))
+    third = start_server(FLAT_WORLD, TMPDIR=str(shared))
     with third.client() as client:
         client.step_batch()
     assert not left.exists()
@@ -319,7 +318,7 @@ def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
 
 @pytest.mark.long
 def test_a_question_whose_caller_is_gone_leaves_no_traceback(start_server: StartServer) -> None:
-    server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow:3", **TEST_BUILD)
+    server = start_server(FLAT_WORLD, OAISYS_FAULT="slow:3", **TEST_BUILD)
     with (
         server.client() as client,
         SimulatorClient(server.address, timeout_s=0.2) as hasty,
