@@ -350,7 +350,7 @@ def test_the_command_writes_a_report_and_passes(rendered: Path, tmp_path: Path) 
 def test_the_command_says_what_is_wrong_and_fails(folder: Path, tmp_path: Path) -> None:
     flip_image_byte(folder)
     out = tmp_path / "report.json"
-    result = run(folder, "--out", out)
+    result = run(folder, "--worlds-rebuilt", 0, "--out", out)
     assert type(result.exception).__name__ == "DatasetCheckFailedError"
     assert "hash: 000001_0001_camera/normal:" in result.output
     report = json.loads(out.read_text(encoding="utf-8"))

@@ -33,7 +33,7 @@ FLAT_WORLD: dict[str, Any] = {
 ROCKY_WORLD: dict[str, Any] = {
     **FLAT_WORLD,
     "stage": {"extent_m": 24, "resolution_px": 65},
-    "assets": {"rocks": [{"count": [8, 8]}]},
+    "assets": {"rocks": [{"count": [20, 40]}]},
 }
 
 MOUNDS: dict[str, Any] = {

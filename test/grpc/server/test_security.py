@@ -135,9 +135,7 @@ def test_tls_encrypts_and_proves_the_server(start_server: StartServer, tmp_path:
         assert client.is_ready(PATIENCE_S)
 
 
-def test_mutual_tls_lets_only_known_clients_in_and_gives_them_heights(
-    start_server: StartServer, tmp_path: Path
-) -> None:
+def test_mutual_tls_lets_only_known_clients_in(start_server: StartServer, tmp_path: Path) -> None:
     authority, stranger = Authority(tmp_path), Authority(tmp_path, "stranger")
     cert, key = authority.pair("server")
     tls = ["--tls-cert", str(cert), "--tls-key", str(key), "--tls-client-ca", str(authority.ca)]

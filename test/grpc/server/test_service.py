@@ -148,10 +148,12 @@ def test_the_mesh_is_the_surface_that_was_rendered(rocky_client: SimulatorClient
     assert np.median(np.abs(heights.clearance_m)) < 1e-4
 
 
-def test_large_images_pass_the_default_limits(flat_client: SimulatorClient) -> None:
+def test_large_images_pass_the_default_limits(start_server: StartServer) -> None:
     camera = {"width_px": 1600, "height_px": 1200, "fx_px": 1350.0, "fy_px": 1350.0}
-    large = ModuleMetadata(sensor={"cameras": {"camera": camera}})
-    sample = flat_client.render_sample(NADIR, modalities=["depth"], metadata=large)
+    world = {**FLAT_WORLD, "sensors": {"cameras": [camera]}}
+    with start_server(world).client() as client:
+        client.step_batch()
+        sample = client.render_sample(NADIR, modalities=["depth"])
     depth_m = sample.frame("camera", "depth").data
     assert depth_m.nbytes > 4 * 1024 * 1024
     np.testing.assert_allclose(depth_m, np.full((1200, 1600), 7.0), rtol=1e-5)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from commands import oaisys_here
+from commands import oaisys
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
@@ -125,7 +125,7 @@ def test_lost_messages_are_counted_by_topic(whole: bytes, tmp_path: Path) -> Non
         data = CHANGES["its checksum"](data, place)
     file = tmp_path / "damaged.mcap"
     file.write_bytes(data[:-300])  # without a summary
-    done = oaisys_here("bag", "recover", file, "--out", tmp_path / "saved")
+    done = oaisys("bag", "recover", file, "--out", tmp_path / "saved")
     assert done.returncode == 0, done.stderr
     assert f"{4 * COUNT - 3} messages" in done.stdout
     lost = [line for line in done.stderr.splitlines() if line.startswith("lost: ")]
@@ -249,7 +249,7 @@ def test_commands_tell_of_damage_in_a_sentence(whole: bytes, tmp_path: Path) -> 
     file = tmp_path / "damaged.mcap"
     file.write_bytes(put(whole, len(whole) - 60, b"\xff" * 8))
     for arguments in (["info", file], ["replay", file, "--delay", "0.1"]):
-        done = oaisys_here("bag", *arguments)
+        done = oaisys("bag", *arguments)
         assert done.returncode == 2, done.stderr
         assert "oaisys bag recover" in " ".join(done.stderr.split())
         assert "Traceback" not in done.stderr

@@ -189,10 +189,10 @@ def test_a_stopped_worker_is_killed_after_the_deadline_while_health_answers(
 
 
 def test_a_worker_that_grows_is_replaced_between_two_frames(start_server: StartServer) -> None:
-    poses = [pose_looking_down(i / 2, -i / 2, 10 + i / 10) for i in range(4)]
+    poses = [pose_looking_down(i / 2, -i / 2, 10 + i / 10) for i in range(6)]
     expected = control_run(poses)
     options = ("--worker-memory-limit-mb", "800")
-    server = start_server(ROCKY_WORLD, *options, OAISYS_FAULT="leak:400", **FAULTY)
+    server = start_server(ROCKY_WORLD, *options, OAISYS_FAULT="leak:250", **FAULTY)
     workers: list[int] = []
     with server.client() as client, health_asked_all_the_time(server.address) as answers:
         client.step_batch()
