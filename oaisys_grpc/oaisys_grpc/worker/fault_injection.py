@@ -1,7 +1,8 @@
 """Faults that tests inject into a worker to see how its server recovers.
 
 ``OAISYS_FAULT`` lists them, separated by commas: ``crash``, ``crash-once:FILE`` (creates the file,
-and does nothing if it exists), ``hang``, ``slow:SECONDS``, ``nap:SECONDS``, ``leak:MEGABYTES``.
+and does nothing if it exists), ``hang``, ``slow:SECONDS``, ``nap:SECONDS``, ``leak:MEGABYTES``,
+``fail:SENTENCE`` (raises `RenderError`).
 A fault occurs at every sample before it is rendered, or with the suffix ``@NUMBER`` at that sample
 of every worker only. A prefix moves it: ``late-`` after depth and labels were sent, ``last-`` after
 the sample is complete but before the answer, ``batch-`` to the beginning of every batch. The fault
@@ -19,6 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
+from oaisys_core.errors import RenderError
 from oaisys_core.types import Progress, ProgressCallback
 
 CRASH_TEXT = b"crash, please"
@@ -74,6 +76,8 @@ def _inject(fault: str, progress: ProgressCallback) -> None:
         threading.Event().wait()
     elif name == "leak":
         _leaked.append(b"\1" * int(1e6 * float(amount)))
+    elif name == "fail":
+        raise RenderError(amount)
     elif name == "nap":
         progress(Progress("fault", 0.0))
         time.sleep(float(amount))

@@ -99,7 +99,7 @@ class PoseCommands:
             try:
                 self._render_queue.render_next(self._pop)
             except OaisysError as error:
-                self._node.get_logger().warning(f"command refused: {error}")
+                self._node.get_logger().warning(f"command failed: {error}")
 
     def _pop(self) -> ViewRequest | None:
         """Return the next pose of the command that is the newest by now."""

@@ -44,6 +44,7 @@ class RenderCounts:
     Attributes:
         rendered: Samples that were published.
         failed: Requests that were refused or failed.
+        last_failure: Why the latest of these was or did.
         waiting_commands: Poses of the newest command that are still to be rendered.
         dropped_commands: Poses of older commands that were replaced before they were rendered.
         last_stamp_ns: Stamp of the newest sample.
@@ -54,6 +55,7 @@ class RenderCounts:
 
     rendered: int = 0
     failed: int = 0
+    last_failure: str = ""
     waiting_commands: int = 0
     dropped_commands: int = 0
     last_stamp_ns: int = 0
@@ -236,8 +238,9 @@ class RenderQueue:
             finally:
                 self._current = None
                 self._idle.set()
-        except OaisysError:
+        except OaisysError as error:
             self.counts.failed += 1
+            self.counts.last_failure = str(error)
             raise
 
     def _ready_link(self) -> SimulatorLink:
@@ -271,6 +274,8 @@ class RenderQueue:
             if not link.initial_batch:
                 raise
             link.check()  # builds the first batch of a server that has been restarted
+            if not link.state.ready:
+                raise NotReadyError(link.state.reason) from None
             return self._publish(request, pose, link, cancellation)
 
     def _publish(

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import NamedTuple
 
-from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, WorkerLostError
+from oaisys_core.errors import (
+    ConfigError,
+    InvalidInputError,
+    NotReadyError,
+    OaisysError,
+    RenderError,
+    WorkerLostError,
+)
 from oaisys_core.types import ModuleMetadata, ObjectPage, ObjectQuery, Pose, SimulatorInfo
 from oaisys_grpc.client.simulator_client import (
     ClientTls,
@@ -24,6 +32,12 @@ CHECK_PERIOD_S = 2.0
 FIRST_RETRY_S = 0.2
 LONGEST_RETRY_S = 0.5
 HEALTH_TIMEOUT_S = 5.0
+FIRST_REBUILD_S = 15.0
+LONGEST_REBUILD_S = 120.0
+"""Between two attempts at a first batch that the simulator itself says it cannot build."""
+
+_WORLD_ERRORS = (RenderError, InvalidInputError, ConfigError)
+"""Errors of the world, not of the connection: the next attempt probably fails, too."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +71,8 @@ class SimulatorLink:
     """Keeps a client connected to ``address`` and, if wanted, builds the first batch.
 
     A thread looks for the server, with growing pauses while there is none, and checks it every
-    `CHECK_PERIOD_S` afterwards.
+    `CHECK_PERIOD_S` afterwards. A first batch that cannot be built is tried again after pauses that
+    grow up to `LONGEST_REBUILD_S`.
 
     Args:
         address: ``host:port`` or ``unix:PATH``.
@@ -92,6 +107,7 @@ class SimulatorLink:
         self.building = False
         self.changes: SimpleQueue[LinkChange] = SimpleQueue()
         self.first_batch_error = self.first_batch_retried_after = ""
+        self._rebuild_pause_s, self._next_build_s = FIRST_REBUILD_S, 0.0
         self._timeout_s = timeout_s
         self._on_change = on_change
         self._state = LinkState(None, f"no simulator serves at {address}", 0)
@@ -257,6 +273,7 @@ class SimulatorLink:
         info = client.info()
         if info.config_sha256 != self._config_sha256:
             self.config_json, self._config_sha256 = client.config_json(), info.config_sha256
+            self._next_build_s = 0.0
         return client, info
 
     def check(self) -> None:
@@ -269,20 +286,32 @@ class SimulatorLink:
         """
         with self._lock:
             client, info = self._find()
-            if info.batch_id == 0 and self.initial_batch:
+            if self._should_build(info):
                 self._build_first_batch(client, info)
                 info = client.info()
+            if info.batch_id > 0:
+                self.first_batch_error, self._rebuild_pause_s = "", FIRST_REBUILD_S
+                self._next_build_s = 0.0
             if self._state.info is not None and self._state.ready:
                 restarts = info.worker_restarts - self._state.info.worker_restarts
                 if restarts > 0:
                     self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
-            self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
+            nothing = self.first_batch_error or "no batch has been stepped yet"
+            self._enter(info, "" if info.batch_id > 0 else nothing)
+
+    def _should_build(self, info: SimulatorInfo) -> bool:
+        """Return whether there is no first batch, one is wanted, and it is time to try."""
+        if self._state.info is None:  # another server, perhaps
+            self._next_build_s = 0.0
+        return info.batch_id == 0 and self.initial_batch and time.monotonic() >= self._next_build_s
 
     def _build_first_batch(self, client: SimulatorClient, info: SimulatorInfo) -> None:
         """Build it, and try once more if that failed: the next worker may succeed.
 
+        If the world is at fault, note why, and when to try again.
+
         Raises:
-            OaisysError: It failed twice.
+            OaisysError: It failed twice, for another reason.
         """
         self.first_batch_retried_after = ""
         self._enter(info, "the first batch is being built")
@@ -298,8 +327,10 @@ class SimulatorLink:
                     client.step_batch()
                 except OaisysError as second:
                     self.first_batch_error = f"the first batch could not be built, twice: {second}"
-                    raise
-        self.first_batch_error = ""
+                    if not isinstance(second, _WORLD_ERRORS):
+                        raise
+                    self._next_build_s = time.monotonic() + self._rebuild_pause_s
+                    self._rebuild_pause_s = min(2.0 * self._rebuild_pause_s, LONGEST_REBUILD_S)
 
     @contextmanager
     def _is_building(self) -> Iterator[None]:

@@ -117,6 +117,7 @@ class BridgeStatus:
             "queue": self._render_queue.waiting + counts.waiting_commands,
             "rendered": counts.rendered,
             "failed": counts.failed,
+            "last_failure": counts.last_failure,
             "dropped_commands": counts.dropped_commands,
             "last_stamp_ns": counts.last_stamp_ns,
             "last_render_s": counts.last_render_s,

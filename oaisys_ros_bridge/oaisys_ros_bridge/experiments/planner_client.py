@@ -130,7 +130,7 @@ class PlannerClient(BackgroundNode):
         answer: SetPose.Response = self._call(self._set_pose, request, timeout_s)
         service_s = time.monotonic() - started_s
         if not answer.success:
-            raise RenderError(f"set_pose refused: {answer.message}")
+            raise RenderError(f"set_pose failed: {answer.message}")
         stamp = _key(answer.stamp)
         self.wait(
             f"the images of sample {answer.sample_id}",

@@ -231,7 +231,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             sample, stamp = self._render_queue.render(view)
         except OaisysError as error:
             response.message = str(error)
-            self.get_logger().warning(f"set_pose refused: {error}")
+            self.get_logger().warning(f"set_pose failed: {error}")
             return response
         response.success = True
         response.batch_id = sample.batch_id
@@ -251,7 +251,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             response.success = True
         except OaisysError as error:
             response.message = str(error)
-            self.get_logger().warning(f"step_batch refused: {error}")
+            self.get_logger().warning(f"step_batch failed: {error}")
         return response
 
     def _on_set_metadata(self, request: SetMetadata.Request, response: SetMetadata.Response) -> Any:
@@ -289,7 +289,8 @@ class BridgeNode(ParameterNode, ManagedNode):
             return
         self._status.publish_diagnostics(reason)
         if info is not None:
-            self.get_logger().info(f"simulator at {link.address}: {reason or 'ready'}")
+            log = self.get_logger().warning if link.first_batch_error else self.get_logger().info
+            log(f"simulator at {link.address}: {reason or 'ready'}")
         else:
             self.get_logger().warning(f"simulator lost: {reason}")
 

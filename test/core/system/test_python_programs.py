@@ -18,7 +18,10 @@ PLANTED = (
     *("oaisys_msgs", "rclpy", "trimesh", "PIL", "cv2", "bpy", "statistics", "colorsys", "ray"),
 )
 TRAP = "import pathlib\npathlib.Path(__file__).with_suffix('.run').touch()\nraise SystemExit(77)\n"
-PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
+PACKAGES = (
+    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_mapping"),
+    "oaisys_ros_bridge",
+)
 STARTS = re.compile(r'sys\.executable, "-m"|python, "-m"')
 
 
@@ -55,8 +58,9 @@ def test_commands_import_nothing_from_the_current_folder(trap: Path, command: li
     assert run(command, trap).returncode == 0
 
 
-def test_a_module_of_the_bridge_started_by_hand_imports_nothing_from_there(trap: Path) -> None:
-    ended = run([*BY_HAND, "oaisys_ros_bridge.namespaces"], trap)
+@pytest.mark.parametrize("module", ["oaisys_ros_bridge.namespaces", "oaisys_dataset.places.local"])
+def test_a_module_started_by_hand_imports_nothing_from_there(trap: Path, module: str) -> None:
+    ended = run([*BY_HAND, module], trap)
     assert ended.returncode == 0, ended.stderr
 
 

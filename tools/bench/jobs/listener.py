@@ -109,7 +109,7 @@ class Listener:
         answer = self._call(self._set_pose, request)
         answered_s = time.perf_counter()
         if not answer.success:
-            raise RenderError(f"set_pose refused: {answer.message}")
+            raise RenderError(f"set_pose failed: {answer.message}")
         key = (answer.stamp.sec, answer.stamp.nanosec)
         self._spin_until(lambda: topics <= self._arrivals[key].keys(), "all messages of a sample")
         arrived = self._arrivals.pop(key)

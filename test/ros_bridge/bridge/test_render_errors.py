@@ -1,0 +1,84 @@
+"""A render that fails: whoever uses ROS reads the simulator's sentence, wherever they look."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped
+from ros_peer import NodeProcess, Stage, User, stamped
+from served_simulator import FLAT_WORLD
+from waiting import PATIENCE_S
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_msgs.action import Sweep
+from oaisys_msgs.srv import SetPose, StepBatch
+from oaisys_ros_bridge.qos import NEWEST_QOS, SENSOR_QOS
+
+pytestmark = pytest.mark.ros
+
+SENTENCE = "Cycles: out of SVM stack space; the shader of the ground is too big"
+SEVERAL_ATTEMPTS_S = 3.0
+"""For many more attempts than are expected, if nothing slows them down."""
+
+
+def start(stage: Stage, fault: str) -> NodeProcess:
+    stage.user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
+    server = stage.start_world(FLAT_WORLD, OAISYS_TEST_BUILD="1", OAISYS_FAULT=fault)
+    return stage.start_bridge(server.address)
+
+
+def last_status(user: User) -> DiagnosticStatus:
+    return user.received["/diagnostics"][-1].status[0]
+
+
+def value_of(status: DiagnosticStatus, key: str) -> str:
+    return next(v.value for v in status.values if v.key == key)
+
+
+def sweep(user: User, pose: PoseStamped) -> Any:
+    client = user.action_client(Sweep, "oaisys_bridge/sweep")
+    poses = PoseArray(header=pose.header, poses=[pose.pose])
+    goal = user.answer(client.send_goal_async(Sweep.Goal(poses=poses)))
+    return user.answer(goal.get_result_async()).result
+
+
+def test_a_view_that_fails_says_why_to_whoever_asked(stage: Stage) -> None:
+    user, pose = stage.user, stamped(pose_looking_down(0.0, 0.0, 5.0))
+    bridge = start(stage, f"fail:{SENTENCE}")
+    user.wait_until_ready()
+
+    answer = user.call(SetPose, "set_pose", SetPose.Request(pose=pose))
+    assert (answer.success, answer.message) == (False, SENTENCE)
+    command = user.node.create_publisher(PoseStamped, "command/pose", NEWEST_QOS)
+    user.wait_until(command.get_subscription_count)
+    command.publish(pose)
+    user.wait_until(lambda: f"command failed: {SENTENCE}" in bridge.log.read_text())
+    assert SENTENCE in sweep(user, pose).message
+    user.wait_until(lambda: value_of(last_status(user), "failed") == "3")
+
+    assert SENTENCE in value_of(last_status(user), "last_failure")
+    assert f"set_pose failed: {SENTENCE}" in bridge.log.read_text()
+    assert "refused" not in bridge.log.read_text()  # nothing is wrong with the requests
+
+
+def test_a_first_batch_that_cannot_be_built_says_why_and_is_not_tried_all_the_time(
+    stage: Stage,
+) -> None:
+    user, pose = stage.user, stamped(pose_looking_down(0.0, 0.0, 5.0))
+    bridge = start(stage, f"batch-fail:{SENTENCE}")
+    expected = f"the first batch could not be built, twice: {SENTENCE}"
+    user.wait_until(
+        lambda: user.received["/diagnostics"] and last_status(user).message == expected, PATIENCE_S
+    )
+    end_s = time.monotonic() + SEVERAL_ATTEMPTS_S
+    user.wait_until(lambda: time.monotonic() > end_s)
+
+    assert last_status(user).level == DiagnosticStatus.ERROR
+    assert user.call(SetPose, "set_pose", SetPose.Request(pose=pose)).message == expected
+    assert user.call(StepBatch, "step_batch", StepBatch.Request(seed=-1)).message == SENTENCE
+    log = bridge.log.read_text()
+    assert log.count("is being built") < 6  # it was four a second
+    assert "simulator lost" not in log
