@@ -152,7 +152,8 @@ def _nerf_camera(data: Mapping[str, Any], where: str) -> CalibratedCamera:
     given = {"fl_y": fx, "cx": width / 2, "cy": height / 2, **data}
     fy, cx, cy = finite([given[key] for key in ("fl_y", "cx", "cy")], where, 3)
     model = str(data.get("camera_model", "OPENCV"))
-    is_fisheye = model == "OPENCV_FISHEYE"
+    # instant-ngp has no camera_model; this key is its fisheye of OpenCV.
+    is_fisheye = model == "OPENCV_FISHEYE" or bool(data.get("is_fisheye"))
     if not is_fisheye and (model not in PARAMETERS or model in LACKED or "FISHEYE" in model):
         raise unknown_model(model, f"{where}.camera_model")
     order = ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2", "k3", "k4")

@@ -20,7 +20,7 @@ from oaisys_core.files.calibrations.records import (
     rigid,
     unknown_model,
 )
-from oaisys_core.geometry import T_LINK_OPTICAL, invert
+from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix
 from oaisys_core.types import FloatArray
 
 IMU_KEYS = (
@@ -29,6 +29,8 @@ IMU_KEYS = (
     "gyroscope_noise_density",
     "gyroscope_random_walk",
 )
+MOST_DISAGREEMENT = 1e-2
+"""Largest difference, in metres or of a rotation matrix, of T_cam_imu from what T_cn_cnm1 gives."""
 _CAMERA = re.compile(r"cam(\d+)")
 
 
@@ -65,7 +67,9 @@ def read_camchain(data: Mapping[str, Any]) -> Calibration:
         if not isinstance(entry, Mapping):
             raise InvalidInputError(where, entry, "a mapping")
         if "T_cam_imu" in entry:
-            before = invert(rigid(entry["T_cam_imu"], f"{where}.T_cam_imu"))
+            direct = invert(rigid(entry["T_cam_imu"], f"{where}.T_cam_imu"))
+            _check_agreement(direct, before, entry, where)
+            before = direct
         elif before is not None and "T_cn_cnm1" in entry:
             before = before @ invert(rigid(entry["T_cn_cnm1"], f"{where}.T_cn_cnm1"))
         elif before is None and not has_imu and name == names[0]:
@@ -78,6 +82,19 @@ def read_camchain(data: Mapping[str, Any]) -> Calibration:
     if any(entry.get("timeshift_cam_imu") for entry in (data[name] for name in names)):
         notes.append("timeshift_cam_imu is not used: stamps are exact")
     return Calibration("Kalibr camchain", tuple(cameras), notes=tuple(notes))
+
+
+def _check_agreement(
+    T_imu_camera: FloatArray, before: FloatArray | None, entry: Mapping[str, Any], where: str
+) -> None:
+    """Raise if the two ways to a camera, by the IMU and by the camera before, differ."""
+    if before is None or "T_cn_cnm1" not in entry:
+        return
+    chained = before @ invert(rigid(entry["T_cn_cnm1"], f"{where}.T_cn_cnm1"))
+    if abs(chained - T_imu_camera).max() > MOST_DISAGREEMENT:
+        received = invert(T_imu_camera).round(4).tolist()
+        expected = f"what T_cn_cnm1 gives: {invert(chained).round(4).tolist()}"
+        raise InvalidInputError(f"{where}.T_cam_imu", received, expected)
 
 
 def read_imu(data: Mapping[str, Any]) -> Calibration:
@@ -94,8 +111,14 @@ def read_imu(data: Mapping[str, Any]) -> Calibration:
         imu: dict[str, Any] = {"name": name, **dict(zip(IMU_KEYS, values, strict=True))}
         if "update_rate" in entry:
             imu["rate_hz"] = finite([entry["update_rate"]], f"{where}.update_rate", 1)[0]
+        if "T_i_b" in entry:  # from the body to this IMU
+            mount = pose_from_matrix(invert(rigid(entry["T_i_b"], f"{where}.T_i_b")))
+            imu["mount_position_m"] = list(mount.position_m)
+            imu["mount_quat_xyzw"] = list(mount.quat_xyzw)
         imus.append(imu)
-    return Calibration("Kalibr imu", imus=tuple(imus), notes=("the IMU is at base_link",))
+    return Calibration(
+        "Kalibr imu", imus=tuple(imus), notes=("an IMU without T_i_b is at base_link",)
+    )
 
 
 def _number(name: object) -> int:

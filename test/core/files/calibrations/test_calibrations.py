@@ -302,3 +302,48 @@ def test_a_cut_cameras_bin_is_refused(tmp_path: Path) -> None:
     file.write_bytes(struct.pack("<QiiQQ", 2, 1, 1, *SIZE) + struct.pack("<3d", 1, 2, 3))
     with pytest.raises(InvalidInputError, match=r"a whole cameras\.bin"):
         read_calibration(file)
+
+
+def test_a_fisheye_of_instant_ngp(tmp_path: Path) -> None:
+    """It has no camera_model; read as radial distortion it would be wrong without a word."""
+    path = tmp_path / "transforms.json"
+    optics = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2] + 0.5, "cy": K[1, 2] + 0.5}
+    lens = dict(zip(("k1", "k2", "k3", "k4"), EQUI, strict=True))
+    size = {"w": SIZE[0], "h": SIZE[1]}
+    path.write_text(json.dumps({"is_fisheye": True, **optics, **lens, **size}))
+    check(path, EQUI, fisheye=True)
+
+
+def test_a_second_imu_is_where_its_calibration_says(tmp_path: Path) -> None:
+    noise = {
+        f"{sensor}_{kind}": 1e-3
+        for sensor in ("accelerometer", "gyroscope")
+        for kind in ("noise_density", "random_walk")
+    }
+    T_i_b = np.eye(4)
+    turn = Rotation.from_euler("xyz", (10, 20, 30), degrees=True)
+    T_i_b[:3, :3], T_i_b[:3, 3] = turn.as_matrix(), (0.1, 0.2, 0.3)
+    path = tmp_path / "imu.yaml"
+    path.write_text(yaml.safe_dump({"imu0": noise, "imu1": {**noise, "T_i_b": T_i_b.tolist()}}))
+    _, second = read_calibration(path).imus
+    np.testing.assert_allclose(
+        second["mount_position_m"], -turn.inv().apply((0.1, 0.2, 0.3)), atol=1e-12
+    )
+    np.testing.assert_allclose(second["mount_quat_xyzw"], turn.inv().as_quat(), atol=1e-12)
+
+
+def test_a_chain_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
+    moved = np.eye(4)
+    moved[0, 3] = -0.1
+    same = np.eye(4).tolist()
+    camera = {
+        "camera_model": "pinhole",
+        "intrinsics": [400.0, 400.0, 320.0, 240.0],
+        "resolution": [640, 480],
+        "T_cam_imu": same,
+    }
+    path = tmp_path / "camchain.yaml"
+    chain = {"cam0": camera, "cam1": {**camera, "T_cn_cnm1": moved.tolist()}}
+    path.write_text(yaml.safe_dump(chain))
+    with pytest.raises(InvalidInputError, match=r"cam1\.T_cam_imu.*what T_cn_cnm1 gives"):
+        read_calibration(path)
