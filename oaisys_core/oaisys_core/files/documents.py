@@ -282,7 +282,17 @@ def _children(node: yaml.Node) -> Iterator[yaml.Node]:
 def read_csv(
     path: Path, most_rows: int, columns: Sequence[str] | None = None
 ) -> list[dict[str, str]]:
-    """Return the rows of a CSV file by the names of their columns.
+    """Return the rows of a CSV file by the names of their columns, as `read_numbered_csv` does."""
+    return [row for _, row in read_numbered_csv(path, most_rows, columns)]
+
+
+def read_numbered_csv(
+    path: Path, most_rows: int, columns: Sequence[str] | None = None
+) -> list[tuple[int, dict[str, str]]]:
+    """Return the rows of a CSV file by the names of their columns, each after its line's number.
+
+    A byte order mark, lines that are empty or begin with ``#``, and spaces about the names and
+    behind commas are left out.
 
     Args:
         path: The file.
@@ -293,13 +303,18 @@ def read_csv(
         OSError: It cannot be read.
         ValueError: It is no CSV file, or has more rows or bytes than it may.
     """
-    lines = read_text(path, most_rows * MAX_ROW_BYTES).splitlines(keepends=True)
-    rows: list[dict[str, str]] = []
+    text = read_text(path, most_rows * MAX_ROW_BYTES).removeprefix("\ufeff")
+    lines = text.splitlines(keepends=True)
+    kept = [(n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
+    rows: list[tuple[int, dict[str, str]]] = []
     try:
-        for row in csv.DictReader(lines, columns):
+        reader = csv.DictReader((s for _, s in kept), columns, skipinitialspace=True)
+        if columns is None and reader.fieldnames is not None:
+            reader.fieldnames = [name.strip() for name in reader.fieldnames]
+        for row in reader:
             if len(rows) == most_rows:
                 raise DocumentError(f"it has more than {most_rows} rows")
-            rows.append(row)
+            rows.append((kept[reader.line_num - 1][0], row))
     except csv.Error as error:
         raise DocumentError(f"it is not a CSV file: {error}") from error
     return rows

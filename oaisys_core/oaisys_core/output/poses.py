@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import read_csv
+from oaisys_core.files.documents import read_numbered_csv
 from oaisys_core.geometry import check_pose
 from oaisys_core.output.files import append_text, csv_text, write_text
 from oaisys_core.types import Pose
@@ -47,11 +47,11 @@ def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
         InvalidInputError: The file cannot be read or a row is not a pose; names line and value.
     """
     try:
-        rows = read_csv(path, MAX_POSES, columns)
+        rows = read_numbered_csv(path, MAX_POSES, columns)
     except (OSError, ValueError) as error:
         raise InvalidInputError("poses", str(path), f"a readable CSV file ({error})") from error
     poses = []
-    for line, row in enumerate(rows, start=2 if columns is None else 1):
+    for line, row in rows:
         try:
             numbers = [float(row[column]) for column in POSE_COLUMNS[1:]]
         except (KeyError, TypeError, ValueError) as error:

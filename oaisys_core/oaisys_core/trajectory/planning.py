@@ -19,7 +19,7 @@ from oaisys_core.config.sections.drive import (
     RoverConfig,
 )
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import read_csv
+from oaisys_core.files.documents import read_numbered_csv
 from oaisys_core.output.poses import MAX_POSES
 from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.drone import plan_flight
@@ -146,12 +146,12 @@ def read_waypoints(path: Path) -> FloatArray:
         InvalidInputError: The file cannot be read, or a row has no numbers; names line and value.
     """
     try:
-        rows = read_csv(path, MAX_POSES)
+        rows = read_numbered_csv(path, MAX_POSES)
     except (OSError, ValueError) as error:
         expected = f"a readable CSV file ({error})"
         raise InvalidInputError("drive.waypoints_file", str(path), expected) from error
     points = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in rows:
         try:
             point = [float(row[column]) for column in ("x_m", "y_m")]
             point.append(float(row["z_m"]) if row.get("z_m") else np.nan)

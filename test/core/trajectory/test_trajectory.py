@@ -121,7 +121,7 @@ def test_a_file_of_stamps_since_1970_keeps_its_digits(tmp_path: Path) -> None:
         ("a.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n1,0,0,0,0,0,0\n", "a.csv:3"),
         ("a.csv", "t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n", "trajectory"),
         ("a.tum", "# times\n0 0 0 0 0 0 0 1\n\n1 0 0 0 0 0 0 2\n", "a.tum:4"),
-        ("a.tum", "0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "trajectory.times_s.1"),
+        ("a.tum", "1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "trajectory.times_s.1"),
         ("a.tum", "0 0 0 0 0 0 0 1\n1 0 0 nan 0 0 0 1\n", "a.tum:2"),
     ],
 )

@@ -88,8 +88,8 @@ class RecordedMotionConfig(Section):
     """The timed poses of a file, with a smooth motion between them.
 
     Attributes:
-        path: CSV file with the columns t_s, x_m, y_m, z_m, qx, qy, qz, qw, or TUM file (``.tum``,
-            ``.txt``); relative to the configuration file.
+        path: CSV file with the columns t_s, x_m, y_m, z_m, qx, qy, qz, qw, EuRoC's ground truth
+            (CSV), or TUM file (``.tum``, ``.txt``); relative to the configuration file.
     """
 
     kind: Literal["file"]
