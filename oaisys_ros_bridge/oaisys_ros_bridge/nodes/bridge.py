@@ -288,9 +288,10 @@ class BridgeNode(ParameterNode, ManagedNode):
         if reason == change.before.reason:
             return
         self._status.publish_diagnostics(reason)
-        if info is not None:
-            log = self.get_logger().warning if link.first_batch_error else self.get_logger().info
-            log(f"simulator at {link.address}: {reason or 'ready'}")
+        if info is not None and reason and link.first_batch_error:
+            self.get_logger().warning(f"simulator at {link.address}: {reason}")
+        elif info is not None:  # rclpy wants a line of its own for each severity
+            self.get_logger().info(f"simulator at {link.address}: {reason or 'ready'}")
         else:
             self.get_logger().warning(f"simulator lost: {reason}")
 
