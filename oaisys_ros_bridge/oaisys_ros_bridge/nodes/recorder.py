@@ -132,9 +132,12 @@ class RecorderNode(ParameterNode, Node):
                 # Callbacks may still run until the executor has ended.
                 if not self._has_ended:
                     self._end()
-        log = self.get_logger().warning if self._losses.any else self.get_logger().info
         lost = "; ".join(self._losses.sentences)
-        log(f"{self._bag.message_count} messages in {self._folder}; {lost}")
+        told = f"{self._bag.message_count} messages in {self._folder}; {lost}"
+        if self._losses.any:
+            self.get_logger().warning(told)
+        else:  # rclpy wants a line of its own for each severity
+            self.get_logger().info(told)
 
     def _record_waiting(self) -> None:
         """Record what was published before the end was asked for, as long as there is time."""
