@@ -116,6 +116,8 @@ def _records(data: bytes) -> Iterator[CalibratedCamera]:
         values = struct.unpack_from(f"<{size}d", data, place + 24)
         place += 24 + 8 * size
         yield _camera(str(number), models[model], (width, height), values, where)
+    if place != len(data):
+        raise InvalidInputError(FIELD, f"{len(data)} bytes", f"{place} for {count} cameras")
 
 
 def _camera(

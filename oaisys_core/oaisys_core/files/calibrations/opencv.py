@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError
@@ -14,6 +15,7 @@ from oaisys_core.files.calibrations.records import (
     image_size,
     kannala_brandt,
 )
+from oaisys_core.files.documents import MAX_DEPTH
 
 MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "CameraMatrix", "intrinsics", "K", "M")
 COEFFICIENTS = (
@@ -31,6 +33,13 @@ MARKS = ("opencv-matrix", "opencv_storage", "%YAML:1.0")
 """Texts, one of which is in each file of OpenCV."""
 
 
+MAX_INDENTATION = 400
+"""Spaces before a line of YAML; each level has at least one."""
+
+_NESTING = re.compile(r"[\[\]{}]|<[^>!?]*[^/>]>")
+"""Brackets, and tags of XML that open or close an element."""
+
+
 def is_opencv(text: str) -> bool:
     """Return whether a file is one of OpenCV."""
     return any(mark in text for mark in MARKS)
@@ -44,6 +53,7 @@ def read_opencv(text: str) -> Calibration:
     """
     import cv2
 
+    _check_depth(text)
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         cameras = [
@@ -62,6 +72,17 @@ def read_opencv(text: str) -> Calibration:
     if any(camera.fisheye is None and len(camera.distortion) == 4 for camera in cameras):
         notes.append("four coefficients without fisheye_model are k1, k2, p1 and p2")
     return Calibration("OpenCV FileStorage", tuple(cameras), notes=tuple(notes))
+
+
+def _check_depth(text: str) -> None:
+    """Raise if a text is nested so deeply that OpenCV's parsers, which call themselves, crash."""
+    depth = deepest = 0
+    for mark in _NESTING.findall(text):
+        depth += -1 if mark in ("]", "}") or mark.startswith("</") else 1
+        deepest = max(deepest, depth)
+    indented = max((len(line) - len(line.lstrip()) for line in text.splitlines()), default=0)
+    if deepest > MAX_DEPTH or indented > MAX_INDENTATION:
+        raise InvalidInputError(FIELD, "a file of OpenCV", f"at most {MAX_DEPTH} levels")
 
 
 def _camera(storage: Any, suffix: str) -> CalibratedCamera | None:

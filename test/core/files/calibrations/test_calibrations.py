@@ -347,3 +347,27 @@ def test_a_chain_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(chain))
     with pytest.raises(InvalidInputError, match=r"cam1\.T_cam_imu.*what T_cn_cnm1 gives"):
         read_calibration(path)
+
+
+def test_a_longer_cameras_bin_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "cameras.bin"
+    file.write_bytes(struct.pack("<QiiQQ", 1, 1, 0, *SIZE) + struct.pack("<4d", 1, 2, 3, 4))
+    with pytest.raises(InvalidInputError, match="received '64 bytes', expected 56 for 1 cameras"):
+        read_calibration(file)
+
+
+DEEP = {
+    "json": '{"opencv-matrix": ' + "[" * 100_000 + "]" * 100_000 + "}",
+    "xml": "<opencv_storage>" + "<a>" * 100_000 + "</a>" * 100_000 + "</opencv_storage>",
+    "yaml": "%YAML:1.0\n---\na: " + "[" * 100_000 + "]" * 100_000 + "\n",
+    "yaml in lines": "%YAML:1.0\n---\n" + "".join(f"{' ' * n}a:\n" for n in range(2000)),
+}
+
+
+@pytest.mark.parametrize("kind", DEEP)
+def test_a_deep_file_is_refused_before_opencv_reads_it(tmp_path: Path, kind: str) -> None:
+    """Its parsers ended the process by SIGSEGV."""
+    file = tmp_path / "calibration.yaml"
+    file.write_text(DEEP[kind])
+    with pytest.raises(InvalidInputError, match="at most 64 levels"):
+        read_calibration(file)
