@@ -157,9 +157,11 @@ def run_program() -> NoReturn:
     received = interrupt_at_signals()
     try:
         main()
-    finally:
-        if received:
+    except BaseException as end:
+        # Commands whose end is a signal, such as `view`, have ended well.
+        if received and not (isinstance(end, SystemExit) and not end.code):
             end_at_signal(received[0])
+        raise
     sys.exit(0)
 
 

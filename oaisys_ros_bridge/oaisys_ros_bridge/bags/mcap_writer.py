@@ -36,6 +36,8 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
+from oaisys_core.system.signals import defer_signals
+
 COMPRESSION = "zstd"
 COPIED_BYTES = 2**20
 """Size of a piece when the index is copied to the end of the file."""
@@ -87,8 +89,9 @@ class McapWriter:
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema and return its id."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
-        self._append_repeated(_bytes_of([schema]))
-        self._schemas.append(schema)
+        with defer_signals():
+            self._append_repeated(_bytes_of([schema]))
+            self._schemas.append(schema)
         return schema.id
 
     def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str]) -> int:
@@ -101,9 +104,10 @@ class McapWriter:
             metadata=dict(metadata),
             schema_id=schema_id,
         )
-        self._append_repeated(_bytes_of([channel]))
-        self._channels.append(channel)
-        self._counts[number] = 0
+        with defer_signals():
+            self._append_repeated(_bytes_of([channel]))
+            self._channels.append(channel)
+            self._counts[number] = 0
         return number
 
     def add_message(self, channel_id: int, log_ns: int, data: bytes, publish_ns: int) -> None:
@@ -141,17 +145,19 @@ class McapWriter:
             message_index_length=len(within),
             message_index_offsets={channel_id: self._length + len(chunk)},
         )
-        self._append(chunk + within, index=_bytes_of([index]))
-        self._counts[channel_id] += 1
-        self._start_ns = log_ns if self._start_ns is None else min(self._start_ns, log_ns)
-        self._end_ns = max(self._end_ns, log_ns)
+        with defer_signals():  # an interruption in between left a bag with a wrong summary
+            self._append(chunk + within, index=_bytes_of([index]))
+            self._counts[channel_id] += 1
+            self._start_ns = log_ns if self._start_ns is None else min(self._start_ns, log_ns)
+            self._end_ns = max(self._end_ns, log_ns)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         record = _bytes_of([Metadata(name=name, metadata=dict(values))])
         index = MetadataIndex(offset=self._length, length=len(record), name=name)
-        self._append(record)
-        self._metadata.append(index)
+        with defer_signals():
+            self._append(record)
+            self._metadata.append(index)
 
     def finish(self) -> None:
         """Write the summary and close; where that fails, the file ends with its last message."""

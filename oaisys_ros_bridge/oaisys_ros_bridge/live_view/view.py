@@ -62,8 +62,8 @@ def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
         _source(options) as source,
         WebViewer(options.host, options.port, options.max_range_m) as page,
     ):
-        say(f"view: {page.url}")
         with suppress(KeyboardInterrupt):
+            say(f"view: {page.url}")
             _show(source, page, options, say)
         if options.save is not None:
             page.save(options.save)
