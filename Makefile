@@ -43,10 +43,10 @@ gallery: setup ## Render every example and texture set with its labels: out/gall
 bench: setup ## Measure everything: out/bench/bench.md (five hours the first time; BENCH_ARGS='--only transfer', --quick)
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
-test: setup ## Run the tests but for the long ones (about 19 minutes on two cores)
+test: setup ## Run the tests but for the long ones (about 13 minutes on two cores)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not long'
 
-test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 30 minutes)
+test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 25 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m long
 
 bench-test: setup ## Run the tests of the bench, its referees and the look book (about 7 minutes)
