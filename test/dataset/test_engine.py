@@ -49,7 +49,7 @@ BLENDER = CONFIG.replace(
     "backend: analytic",
     """backend: blender
 render: {quality: preview}
-materials: {texture_size_px: 64, mask: {size_px: 32}}""",
+""",
 )
 BLENDER_WORLDS = 3
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from commands import oaisys_here
+from commands import oaisys
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
@@ -78,7 +78,7 @@ def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None
         recorded.sample(sim.step_sample(dusk), FAULTS)
         sim.step_batch(reuse_stage=True)
         recorded.sample(sim.step_sample(modalities=["depth", "instance"]), first=1)
-    done = oaisys_here("repeat", tmp_path / "bag", "--all")
+    done = oaisys("repeat", tmp_path / "bag", "--all")
     assert done.returncode == 0, done.stdout + done.stderr
     heads = [line for line in done.stdout.splitlines() if line.startswith("batch")]
     assert heads == [f"batch {b} sample {s}: equal" for b, s in ((1, 1), (1, 2), (2, 1))]
@@ -96,14 +96,14 @@ def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
         sample = recorded.simulation.step_sample()
         recorded.sample(sample, FAULTS)
     (file,) = (tmp_path / "bag").glob("*.mcap")
-    refused = oaisys_here("repeat", file)
+    refused = oaisys("repeat", file)
     assert refused.returncode == 2
     assert "--config FILE" in refused.stderr
     assert "oaisys_bridge/configuration is recorded" in refused.stderr
     config = tmp_path / "config.yaml"
     config.write_text(canonical_json(recorded.config))
-    assert "batch 1 sample 2: equal" in oaisys_here("repeat", file, "--config", config).stdout
-    named = oaisys_here("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
+    assert "batch 1 sample 2: equal" in oaisys("repeat", file, "--config", config).stdout
+    named = oaisys("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
     assert named.returncode == 0, named.stdout
 
 
@@ -112,7 +112,7 @@ def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) ->
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:
         recorded.configuration()
-    refused = oaisys_here("repeat", tmp_path / "bag")
+    refused = oaisys("repeat", tmp_path / "bag")
     assert refused.returncode == 2
     assert "a bag with one topic oaisys_bridge/sample_info, not 0" in refused.stderr
     needed = "--topic oaisys_bridge/sample_info --topic oaisys_bridge/configuration"
@@ -130,7 +130,7 @@ def test_a_pixel_that_differs_in_a_bag_is_told(tmp_path: Path) -> None:
         depth.flags.writeable = True
         depth[5, 5] += 0.25
         recorded.sample(sample)
-    done = oaisys_here("repeat", tmp_path / "bag")
+    done = oaisys("repeat", tmp_path / "bag")
     assert done.returncode == 1
     assert "front/depth: 1 of 432 pixels differ" in done.stdout
 
@@ -143,6 +143,6 @@ def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> N
         recorded.simulation.step_batch()
         told = sample_info_msg(recorded.simulation.step_sample(), Header(), text)
         recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
-    done = oaisys_here("repeat", tmp_path / "bag")
+    done = oaisys("repeat", tmp_path / "bag")
     assert done.returncode == 2
     assert "faults_json" in done.stderr
