@@ -29,9 +29,9 @@ TIMEOUT_S = 400.0
 SMALL_WORLD = {
     "seed": 4,
     "backend": "analytic",
-    "stage": {"extent_m": 30, "resolution_px": 101},
-    "materials": {"texture_size_px": 64, "mask": {"size_px": 128, "relief": 0}},
-    "assets": {"rocks": [{"count": [30, 30], "size_m": [0.3, 1.0]}]},
+    "stage": {"extent_m": 30, "resolution_px": 301},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 128}},
+    "assets": {"rocks": [{"count": [60, 60], "size_m": [0.3, 1.0]}]},
     "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
 }
 
@@ -133,7 +133,7 @@ def test_labels(
     assert {name for name, _ in shares} == {"gravel", "sand", "rock"}
     assert sum(float(share) for _, share in shares) == pytest.approx(100, abs=0.3)
     seen, total = map(int, re.findall(r"(\d+) of (\d+) things", output)[0])
-    assert 0 < seen <= total == 30
+    assert 0 < seen <= total == 60
 
 
 def test_training_gets_batches_and_trains_where_pytorch_is_there(tmp_path: Path) -> None:
