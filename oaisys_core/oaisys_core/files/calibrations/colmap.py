@@ -10,17 +10,20 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations.records import (
+    BROWN_CONRADY,
     FIELD,
+    KANNALA_BRANDT,
+    OPENCV,
     CalibratedCamera,
     Calibration,
-    brown_conrady,
     finite,
     image_size,
-    kannala_brandt,
+    lens,
     require_keys,
     unknown_model,
 )
@@ -91,7 +94,7 @@ def read_transforms(data: Mapping[str, Any]) -> Calibration:
         found = _nerf_camera({**data, **frame}, f"{FIELD}.frames.{index}")
         cameras.setdefault(repr(found), found)
     named = [
-        CalibratedCamera(f"camera{'' if len(cameras) == 1 else index}", *_parts(camera))
+        replace(camera, name=f"camera{'' if len(cameras) == 1 else index}")
         for index, camera in enumerate(cameras.values())
     ]
     return _calibration("nerfstudio transforms", named)
@@ -129,17 +132,16 @@ def _camera(
     found = dict(zip(names, finite(values, where, len(names)), strict=True))
     fx, fy = found.get("fx", found.get("f", 0.0)), found.get("fy", found.get("f", 0.0))
     is_fisheye = model.endswith("FISHEYE")
-    order = (
-        ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    )
+    order = KANNALA_BRANDT if is_fisheye else OPENCV
     coefficients = [found.get(name, 0.0) for name in order]
+    distortion, fisheye = lens(coefficients, where, is_fisheye=is_fisheye)
     return CalibratedCamera(
         name=f"camera{number}",
         size_px=image_size(size[0], size[1], where),
         focal_px=(fx, fy),
         centre_px=(found["cx"] - HALF, found["cy"] - HALF),
-        distortion={} if is_fisheye else brown_conrady(coefficients, where),
-        fisheye=kannala_brandt(coefficients, where) if is_fisheye else None,
+        distortion=distortion,
+        fisheye=fisheye,
     )
 
 
@@ -158,20 +160,11 @@ def _nerf_camera(data: Mapping[str, Any], where: str) -> CalibratedCamera:
     is_fisheye = model == "OPENCV_FISHEYE" or bool(data.get("is_fisheye"))
     if not is_fisheye and (model not in PARAMETERS or model in LACKED or "FISHEYE" in model):
         raise unknown_model(model, f"{where}.camera_model")
-    order = ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2", "k3", "k4")
+    order = KANNALA_BRANDT if is_fisheye else (*BROWN_CONRADY, "k4")
     values = finite([data.get(name, 0.0) for name in order], where)
-    return CalibratedCamera(
-        "camera",
-        (width, height),
-        (fx, fy),
-        (cx - HALF, cy - HALF),
-        {} if is_fisheye else brown_conrady(values, where),
-        kannala_brandt(values, where) if is_fisheye else None,
-    )
-
-
-def _parts(camera: CalibratedCamera) -> tuple[Any, ...]:
-    return (camera.size_px, camera.focal_px, camera.centre_px, camera.distortion, camera.fisheye)
+    lens_of_frame = lens(values, where, is_fisheye=is_fisheye)
+    centre_px = (cx - HALF, cy - HALF)
+    return CalibratedCamera("camera", (width, height), (fx, fy), centre_px, *lens_of_frame)
 
 
 def is_transforms(data: Any) -> bool:

@@ -11,16 +11,16 @@ from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
-    brown_conrady,
     finite,
     frame_name,
     image_size,
-    kannala_brandt,
+    lens,
+    mount,
     require_keys,
     rigid,
     unknown_model,
 )
-from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix
+from oaisys_core.geometry import T_LINK_OPTICAL, invert
 from oaisys_core.types import FloatArray
 
 IMU_KEYS = (
@@ -31,6 +31,7 @@ IMU_KEYS = (
 )
 MOST_DISAGREEMENT = 1e-2
 """Largest difference, in metres or of a rotation matrix, of T_cam_imu from what T_cn_cnm1 gives."""
+FISHEYE, BROWN_CONRADY = ("equidistant", "equi"), ("radtan", "none")
 _CAMERA = re.compile(r"cam(\d+)")
 
 
@@ -66,15 +67,17 @@ def read_camchain(data: Mapping[str, Any]) -> Calibration:
         entry = data[name]
         if not isinstance(entry, Mapping):
             raise InvalidInputError(where, entry, "a mapping")
+        direct = chained = None
         if "T_cam_imu" in entry:
             direct = invert(rigid(entry["T_cam_imu"], f"{where}.T_cam_imu"))
-            _check_agreement(direct, before, entry, where)
-            before = direct
-        elif before is not None and "T_cn_cnm1" in entry:
-            before = before @ invert(rigid(entry["T_cn_cnm1"], f"{where}.T_cn_cnm1"))
-        elif before is None and not has_imu and name == names[0]:
+        if before is not None and "T_cn_cnm1" in entry:
+            chained = before @ invert(rigid(entry["T_cn_cnm1"], f"{where}.T_cn_cnm1"))
+        if direct is not None and chained is not None:
+            _check_agreement(direct, chained, f"{where}.T_cam_imu")
+        before = chained if direct is None else direct
+        if before is None and not has_imu and name == names[0]:
             before = T_LINK_OPTICAL
-        else:
+        if before is None:
             raise InvalidInputError(f"{where}.T_cn_cnm1", None, "the pose to the camera before")
         cameras.append(_camera(name, entry, before, where))
     base = "the IMU's frame is base_link" if has_imu else f"{names[0]} is at base_link"
@@ -84,17 +87,12 @@ def read_camchain(data: Mapping[str, Any]) -> Calibration:
     return Calibration("Kalibr camchain", tuple(cameras), notes=tuple(notes))
 
 
-def _check_agreement(
-    T_imu_camera: FloatArray, before: FloatArray | None, entry: Mapping[str, Any], where: str
-) -> None:
+def _check_agreement(T_imu_camera: FloatArray, chained: FloatArray, where: str) -> None:
     """Raise if the two ways to a camera, by the IMU and by the camera before, differ."""
-    if before is None or "T_cn_cnm1" not in entry:
-        return
-    chained = before @ invert(rigid(entry["T_cn_cnm1"], f"{where}.T_cn_cnm1"))
     if abs(chained - T_imu_camera).max() > MOST_DISAGREEMENT:
         received = invert(T_imu_camera).round(4).tolist()
         expected = f"what T_cn_cnm1 gives: {invert(chained).round(4).tolist()}"
-        raise InvalidInputError(f"{where}.T_cam_imu", received, expected)
+        raise InvalidInputError(where, received, expected)
 
 
 def read_imu(data: Mapping[str, Any]) -> Calibration:
@@ -112,9 +110,7 @@ def read_imu(data: Mapping[str, Any]) -> Calibration:
         if "update_rate" in entry:
             imu["rate_hz"] = finite([entry["update_rate"]], f"{where}.update_rate", 1)[0]
         if "T_i_b" in entry:  # from the body to this IMU
-            mount = pose_from_matrix(invert(rigid(entry["T_i_b"], f"{where}.T_i_b")))
-            imu["mount_position_m"] = list(mount.position_m)
-            imu["mount_quat_xyzw"] = list(mount.quat_xyzw)
+            imu |= mount(invert(rigid(entry["T_i_b"], f"{where}.T_i_b")))
         imus.append(imu)
     return Calibration(
         "Kalibr imu", imus=tuple(imus), notes=("an IMU without T_i_b is at base_link",)
@@ -137,14 +133,11 @@ def _camera(
     width, height = finite(size, f"{where}.resolution", 2)
     kind = str(entry.get("distortion_model", "none"))
     coefficients = entry.get("distortion_coeffs") or ()
-    distortion: dict[str, float] = {}
-    fisheye = None
-    if kind in ("equidistant", "equi"):
-        fisheye = kannala_brandt(coefficients, f"{where}.distortion_coeffs")
-    elif kind in ("radtan", "none"):
-        distortion = brown_conrady(coefficients, f"{where}.distortion_coeffs")
-    else:
+    if kind not in (*FISHEYE, *BROWN_CONRADY):
         raise unknown_model(kind, f"{where}.distortion_model")
+    distortion, fisheye = lens(
+        coefficients, f"{where}.distortion_coeffs", is_fisheye=kind in FISHEYE
+    )
     return CalibratedCamera(
         frame_name(name, name),
         image_size(width, height, f"{where}.resolution"),

@@ -10,10 +10,9 @@ from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
-    brown_conrady,
     finite,
     image_size,
-    kannala_brandt,
+    lens,
 )
 from oaisys_core.files.documents import MAX_DEPTH
 
@@ -92,15 +91,18 @@ def _camera(storage: Any, suffix: str) -> CalibratedCamera | None:
     where = f"{FIELD}.camera_matrix{suffix}"
     K = finite(matrix, where, 9)
     coefficients = _matrix(storage, COEFFICIENTS, suffix) or []
-    is_fisheye = bool(_number(storage, ("fisheye_model", "fisheye")))
-    where = f"{FIELD}.distortion_coefficients{suffix}"
+    distortion, fisheye = lens(
+        coefficients,
+        f"{FIELD}.distortion_coefficients{suffix}",
+        is_fisheye=bool(_number(storage, ("fisheye_model", "fisheye"))),
+    )
     return CalibratedCamera(
         name=f"camera{suffix}",
         size_px=_size(storage),
         focal_px=(K[0], K[4]),
         centre_px=(K[2], K[5]),
-        distortion={} if is_fisheye else brown_conrady(coefficients, where),
-        fisheye=kannala_brandt(coefficients, where) if is_fisheye else None,
+        distortion=distortion,
+        fisheye=fisheye,
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError, quote
-from oaisys_core.geometry import R_LINK_OPTICAL, is_rigid, pose_from_matrix, transform
+from oaisys_core.geometry import T_LINK_OPTICAL, invert, is_rigid, pose_from_matrix, transform
 from oaisys_core.types import FloatArray
 
 FIELD = "calibration"
@@ -18,6 +18,7 @@ BROWN_CONRADY = ("k1", "k2", "p1", "p2", "k3")
 KANNALA_BRANDT = ("k1", "k2", "k3", "k4")
 BEYOND = ("k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 """Coefficients of OpenCV's longer models, after those of `BROWN_CONRADY`."""
+OPENCV = (*BROWN_CONRADY, *BEYOND)
 
 MODELS = "pinhole without distortion, with Brown-Conrady's (plumb_bob, radtan), or equidistant"
 
@@ -57,10 +58,7 @@ class CalibratedCamera:
         elif any(self.distortion.values()):
             found["distortion"] = self.distortion
         if self.T_base_optical is not None:
-            T_base_link = self.T_base_optical @ transform(R_LINK_OPTICAL.T, (0.0, 0.0, 0.0))
-            pose = pose_from_matrix(T_base_link)
-            found["mount_position_m"] = [float(value) for value in pose.position_m]
-            found["mount_quat_xyzw"] = [float(value) for value in pose.quat_xyzw]
+            found |= mount(self.T_base_optical @ invert(T_LINK_OPTICAL))
         return found
 
 
@@ -94,16 +92,37 @@ class Calibration:
         return self.cameras[names.index(name)]
 
 
+def mount(T_base_sensor: FloatArray) -> dict[str, list[float]]:
+    """Return the keys of a sensor's pose in a configuration."""
+    pose = pose_from_matrix(T_base_sensor)
+    return {
+        "mount_position_m": [float(value) for value in pose.position_m],
+        "mount_quat_xyzw": [float(value) for value in pose.quat_xyzw],
+    }
+
+
+def lens(
+    values: Sequence[float], where: str, *, is_fisheye: bool
+) -> tuple[dict[str, float], dict[str, float] | None]:
+    """Return ``distortion`` and ``fisheye`` of a `CalibratedCamera` with these coefficients.
+
+    Raises:
+        InvalidInputError: They are of a model that we lack.
+    """
+    return (
+        ({}, kannala_brandt(values, where)) if is_fisheye else (brown_conrady(values, where), None)
+    )
+
+
 def brown_conrady(values: Sequence[float], where: str) -> dict[str, float]:
     """Return coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...) by name.
 
     Raises:
         InvalidInputError: A coefficient that our model lacks is not 0, or there are too many.
     """
-    names = (*BROWN_CONRADY, *BEYOND)
-    if len(values) > len(names):
-        raise InvalidInputError(where, len(values), f"at most {len(names)} coefficients")
-    found = dict(zip(names, finite(values, where), strict=False))
+    if len(values) > len(OPENCV):
+        raise InvalidInputError(where, len(values), f"at most {len(OPENCV)} coefficients")
+    found = dict(zip(OPENCV, finite(values, where), strict=False))
     for name in BEYOND:
         if found.pop(name, 0.0):
             model = "thin prism" if name[0] == "s" else "tilted" if name[0] == "t" else "rational"

@@ -10,11 +10,10 @@ from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
-    brown_conrady,
     finite,
     frame_name,
     image_size,
-    kannala_brandt,
+    lens,
     require_keys,
     unknown_model,
 )
@@ -44,14 +43,10 @@ def read_camera_info(data: Mapping[str, Any]) -> Calibration:
     K = finite(matrix, f"{FIELD}.camera_matrix", 9)
     _check_matrix(K)
     model = str(data["distortion_model"])
-    distortion: dict[str, float] = {}
-    fisheye = None
-    if model in FISHEYE:
-        fisheye = kannala_brandt(coefficients, f"{FIELD}.distortion_coefficients")
-    elif model in PLUMB_BOB:
-        distortion = brown_conrady(coefficients, f"{FIELD}.distortion_coefficients")
-    else:
+    if model not in (*FISHEYE, *PLUMB_BOB):
         raise unknown_model(model, f"{FIELD}.distortion_model")
+    where = f"{FIELD}.distortion_coefficients"
+    distortion, fisheye = lens(coefficients, where, is_fisheye=model in FISHEYE)
     name = data.get("camera_name") or _frame_of(data)
     camera = CalibratedCamera(
         name=frame_name(name, "camera"),
