@@ -67,7 +67,7 @@ class InstanceTarget(RayTarget):
         self.low_m, self.high_m = self._bounds()
         self.top_m = float(self.high_m[:, 2].max())
         self._has_cut_outs = np.array([mesh.textures.has_cut_outs for mesh in self.meshes])
-        self._has_textures = any(mesh.textures.has_any for mesh in self.meshes)
+        self.has_images = any(mesh.textures.has_any for mesh in self.meshes)
 
     @abstractmethod
     def find(
@@ -168,10 +168,8 @@ class InstanceTarget(RayTarget):
             solid[rows] = self.meshes[group].textures.is_solid(triangles, points)
         return solid
 
-    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray | None:
+    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
         """See `RayTarget`."""
-        if not self._has_textures:
-            return None
         albedo = np.full(points_m.shape, np.nan)
         for group, rows in self.by_group(self._instances_of(elements)):
             textures = self.meshes[group].textures

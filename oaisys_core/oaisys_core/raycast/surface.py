@@ -286,14 +286,18 @@ class Surface:
         normals[away] *= -1
         return normals
 
-    def own_albedo(self, view: View) -> FloatArray:
-        """Return the (H, W, 3) linear albedo where objects have images; elsewhere NaN."""
+    def own_albedo(self, view: View) -> FloatArray | None:
+        """Return the (H, W, 3) linear albedo where objects have images; elsewhere NaN.
+
+        None: nothing has an image, as in most scenes.
+        """
+        with_images = [each for each in enumerate(self._targets) if each[1].has_images]
+        if not with_images:
+            return None
         albedo = np.full(view.points_m.shape, np.nan)
-        for index in np.unique(view.targets[view.instance_ids > 0]).tolist():
+        for index, target in with_images:
             seen = (view.targets == index) & (view.instance_ids > 0)
-            found = self._targets[index].albedo_of(view.elements[seen], view.points_m[seen])
-            if found is not None:
-                albedo[seen] = found
+            albedo[seen] = target.albedo_of(view.elements[seen], view.points_m[seen])
         return albedo
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:

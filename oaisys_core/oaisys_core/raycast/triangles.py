@@ -34,9 +34,11 @@ class RayTarget(ABC):
 
     Attributes:
         top_m: Height that no point of it exceeds; ``-inf``: it is empty.
+        has_images: Whether any element has an image of its own.
     """
 
     top_m: float
+    has_images: bool = False
 
     def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
         """Return (H, W) which pixels' rays may hit it; None: all."""
@@ -69,12 +71,12 @@ class RayTarget(ABC):
         Those of triangles without area are 0.
         """
 
-    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray | None:
+    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
         """Return the (N, 3) linear albedo of (N,) elements at (N, 3) points on them.
 
-        NaN where an element has no textures of its own; None: none of them has.
+        NaN where an element has no image of its own.
         """
-        return None
+        return np.full(points_m.shape, np.nan)
 
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is nothing."""

@@ -57,8 +57,8 @@ class Palette:
 
         It is that of their images, if they have any, else their mean colour.
         """
-        own = surface.own_albedo(view)
-        return np.where(np.isnan(own), self._of_instance(view.instance_ids), own)
+        mean, own = self._of_instance(view.instance_ids), surface.own_albedo(view)
+        return mean if own is None else np.where(np.isnan(own), mean, own)
 
     def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
         if isinstance(thing, MeshPrototype) and thing.maps is not None:
