@@ -21,8 +21,7 @@ from oaisys_core.cli.options import (
     SizeOption,
 )
 from oaisys_core.cli.rendering import render
-from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.whole_files import write_whole_text
+from oaisys_core.cli.standard_output import write_or_print
 
 __all__ = ["config_app", "render"]
 
@@ -75,7 +74,7 @@ def schema(
     """Write the JSON Schema of configuration files, for editors and other programs."""
     from oaisys_core.config.schema import schema_text
 
-    _write_or_print(schema_text(), out)
+    write_or_print(schema_text(), out)
 
 
 @config_app.command("reference")
@@ -85,7 +84,7 @@ def reference(
     """Write the page that lists every key with its type, range, default and meaning."""
     from oaisys_core.config.reference import reference_text
 
-    _write_or_print(reference_text(), out)
+    write_or_print(reference_text(), out)
 
 
 @config_app.command("import")
@@ -116,20 +115,10 @@ def import_(
     if faults and strict:
         raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
     imported = replace(imported, warnings=(*imported.warnings, *faults))
-    _write_or_print(imported.text(file.name), out)
+    write_or_print(imported.text(file.name), out)
     if out is not None:
         counts = Counter(outcome.kind for outcome in imported.outcomes.values())
         summary = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
         typer.echo(
             "\n".join([*imported.notes(), f"{out}: {len(imported.outcomes)} keys: {summary}"])
         )
-
-
-def _write_or_print(text: str, out: Path | None) -> None:
-    if out is None:
-        typer.echo(text, nl=False)
-        return
-    try:
-        write_whole_text(out, text)
-    except OSError as error:
-        raise InvalidInputError("out", str(out), f"a file that can be written ({error})") from error

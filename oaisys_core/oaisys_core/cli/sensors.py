@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from oaisys_core.cli.standard_output import write_or_print
+
 if TYPE_CHECKING:
     from oaisys_core.files.calibrations import Calibration
 
@@ -37,16 +39,11 @@ def import_(
     """
     from oaisys_core.config import config_from_mapping
     from oaisys_core.files.calibrations import read_calibration
-    from oaisys_core.files.whole_files import write_whole_text
 
     found = read_calibration(file)
     sensors = sensors_section(found)
     config_from_mapping({"sensors": sensors})
-    text = _text(found, sensors, file.name)
-    if out is None:
-        typer.echo(text, nl=False)
-    else:
-        write_whole_text(out, text)
+    write_or_print(_text(found, sensors, file.name), out)
 
 
 def sensors_section(found: Calibration) -> dict[str, Any]:

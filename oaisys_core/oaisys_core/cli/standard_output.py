@@ -1,4 +1,4 @@
-"""Keeps the output of C libraries out of standard output."""
+"""Writes what a command was asked for, and keeps the output of C libraries out of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,28 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TextIO
+
+import typer
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.whole_files import write_whole_text
+
+
+def write_or_print(text: str, out: Path | None) -> None:
+    """Write a text to a file as a whole, or to standard output without one.
+
+    Raises:
+        InvalidInputError: The file cannot be written.
+    """
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    try:
+        write_whole_text(out, text)
+    except OSError as error:
+        raise InvalidInputError("out", str(out), f"a file that can be written ({error})") from error
 
 
 @contextmanager
