@@ -105,6 +105,13 @@ def _has_truth_value(value: Any) -> bool:
     return isinstance(value, bool)
 
 
+def _takes_truth_value(section: type[BaseModel], name: str) -> bool:
+    """Return whether a field may be true or false, or there is none, which others refuse."""
+    field = section.model_fields.get(name)
+    kinds = repr(field and field.annotation)
+    return field is None or "bool" in kinds or "Any" in kinds
+
+
 class Section(BaseModel):
     """Base of all sections; it refuses unknown keys, numbers not finite, and truth as numbers."""
 
@@ -115,9 +122,7 @@ class Section(BaseModel):
     def _check_truth_values(cls, data: Any) -> Any:
         """Refuse true and false, which YAML also reads from yes, no, on and off, as numbers."""
         for name, value in data.items() if isinstance(data, dict) else ():
-            field = cls.model_fields.get(name)
-            kinds = repr(field and field.annotation)
-            if field and _has_truth_value(value) and "bool" not in kinds and "Any" not in kinds:
+            if _has_truth_value(value) and not _takes_truth_value(cls, name):
                 raise ValueError(f"{name} is {quote(value)}, expected no truth value")
         return data
 
