@@ -19,6 +19,7 @@ import numpy as np
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.system.python_programs import python_command
+from oaisys_core.system.signals import defer_signals
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_ros_bridge.experiments.configuration import (
     ConfiguredSensors,
@@ -26,7 +27,6 @@ from oaisys_ros_bridge.experiments.configuration import (
     read_sensors,
     write_config,
 )
-from oaisys_ros_bridge.experiments.interruption import defer_interruption
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.namespaces import (
@@ -216,7 +216,7 @@ class _Processes:
         command = python_command(module, *arguments)
         log = self._options.out / "logs" / f"{name}.log"
         # A process that was started must be on the stack, or nothing would end it.
-        with defer_interruption():
+        with defer_signals():
             process = ManagedProcess(name, command, log, self._environment)
             self._stack.enter_context(process)
         self._running.append(process)

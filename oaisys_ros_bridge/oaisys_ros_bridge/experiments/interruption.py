@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 from oaisys_core.system.signals import RECEIVED, end_service_at_signals
@@ -18,8 +16,6 @@ class _Interruption:
     """Plain values: a handler that sets an event deadlocks where it interrupts another one."""
 
     requested: bool = False
-    depth: int = 0
-    pending: bool = False
     since_s: float = 0.0
 
 
@@ -38,10 +34,7 @@ def interrupt_on_signals() -> None:
         if _state.requested and time.monotonic() < _state.since_s + ORDER_S:
             return
         _state.requested, _state.since_s = True, time.monotonic()
-        if _state.depth:
-            _state.pending = True
-        else:
-            raise KeyboardInterrupt
+        raise KeyboardInterrupt
 
     _state.requested = False
     end_service_at_signals(interrupt)
@@ -51,16 +44,3 @@ def raise_if_interrupted() -> None:
     """Raise `KeyboardInterrupt` if a signal has been received, even if it was dropped since."""
     if _state.requested:
         raise KeyboardInterrupt
-
-
-@contextmanager
-def defer_interruption() -> Iterator[None]:
-    """Raise the `KeyboardInterrupt` of a signal only after the block; for the main thread."""
-    _state.depth += 1
-    try:
-        yield
-    finally:
-        _state.depth -= 1
-        if _state.pending and not _state.depth:
-            _state.pending = False
-            raise KeyboardInterrupt

@@ -16,7 +16,7 @@ from typing import Self
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
 from oaisys_core.system.private_files import open_private
 from oaisys_core.system.python_programs import python_environment
-from oaisys_ros_bridge.experiments.interruption import defer_interruption
+from oaisys_core.system.signals import defer_signals
 
 _LOG = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class ManagedProcess:
 
     def __exit__(self, *_: object) -> None:
         """End it; a second signal does not interrupt that."""
-        with defer_interruption():
+        with defer_signals():
             self.end()
 
     def wait_for_line(self, prefix: str, timeout_s: float) -> str:

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from oaisys_core.system.signals import RECEIVED
+from oaisys_core.system.signals import RECEIVED, defer_signals
 from oaisys_ros_bridge.experiments.interruption import (
-    defer_interruption,
     interrupt_on_signals,
     raise_if_interrupted,
 )
@@ -39,8 +38,8 @@ def test_a_signal_is_deferred_to_the_end_of_the_outermost_block() -> None:
     reached = []
 
     def blocks() -> None:
-        with defer_interruption():
-            with defer_interruption():
+        with defer_signals():
+            with defer_signals():
                 signal.raise_signal(signal.SIGINT)
                 reached.append("inner")
             reached.append("outer")
@@ -48,7 +47,7 @@ def test_a_signal_is_deferred_to_the_end_of_the_outermost_block() -> None:
     with pytest.raises(KeyboardInterrupt):
         blocks()
     assert reached == ["inner", "outer"]
-    with defer_interruption():
+    with defer_signals():
         pass  # it is raised once
 
 
