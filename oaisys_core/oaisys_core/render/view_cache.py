@@ -51,6 +51,7 @@ class ViewCache:
         self._views: OrderedDict[Digest, RenderedView] = OrderedDict()
         self._fingerprints = Fingerprints()
         self._size = 0
+        self._told = False
 
     @property
     def size_bytes(self) -> int:
@@ -76,7 +77,9 @@ class ViewCache:
                 (_without_history(provenance), world, scene.primitives, light, seen, how)
             )
         except TypeError as error:  # a module of another package drew data of another type
-            _LOG.debug("the view is not cached: %s", error)
+            if not self._told:
+                _LOG.warning("equal views of this world are rendered again each time: %s", error)
+            self._told = True
             return None
 
     def forget_world(self) -> None:

@@ -73,7 +73,8 @@ def images(sample: Sample) -> dict[FrameName, bytes]:
     return {FrameName(f.sensor, f.modality): f.data.tobytes() for f in sample.frames}
 
 
-def test_a_view_that_comes_again_is_not_rendered_again() -> None:
+@pytest.mark.parametrize("surroundings", ["land", "plain"])
+def test_a_view_that_comes_again_is_not_rendered_again(surroundings: str) -> None:
     class Counting(AnalyticBackend):
         renders = 0
 
@@ -82,7 +83,7 @@ def test_a_view_that_comes_again_is_not_rendered_again() -> None:
             return super().render(*arguments)
 
     backend = Counting()
-    sim = simulation(backend=backend)
+    sim = simulation(backend=backend, stage={**WORLD["stage"], "surroundings": surroundings})
     first, other, again = (seen(sim, POSES[i]) for i in (0, 1, 0))
     assert backend.renders == 2
     assert [s.from_cache for s in (first, other, again)] == [False, False, True]
@@ -90,6 +91,20 @@ def test_a_view_that_comes_again_is_not_rendered_again() -> None:
     assert images(again) == images(first) != images(other)
     assert again.provenance == first.provenance
     assert again.rig_pose == POSES[0]
+
+
+def test_a_world_whose_views_cannot_be_found_again_says_so_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def is_drawn_by_an_extension(fingerprints: Fingerprints, value: Any) -> bytes:
+        raise TypeError("a Cave has no digest")
+
+    monkeypatch.setattr(Fingerprints, "of", is_drawn_by_an_extension)
+    sim = simulation()
+    assert not any(seen(sim).from_cache for _ in range(3))
+    told = [r for r in caplog.records if "rendered again each time" in r.message]
+    assert [r.levelname for r in told] == ["WARNING"]
+    assert "a Cave has no digest" in told[0].message
 
 
 def test_a_batch_of_the_same_seed_shows_the_same() -> None:

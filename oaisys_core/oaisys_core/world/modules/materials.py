@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +22,15 @@ from oaisys_core.procedural.terrain.masks.patches import (
     gate,
     layer_masks,
 )
-from oaisys_core.procedural.terrain.masks.relief import Relief, exposure, has_steep_parts, relief_of
-from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
-from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
-from oaisys_core.procedural.terrain.surroundings.land_relief import (
-    LandRelief,
-    land_relief,
-    preferences_of,
+from oaisys_core.procedural.terrain.masks.relief import (
+    RELIEF_PX,
+    Relief,
+    exposure,
+    has_steep_parts,
+    relief_of,
 )
+from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
+from oaisys_core.procedural.terrain.surroundings.land_relief import ReliefAround
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
@@ -52,10 +52,6 @@ NO_SHARE = 1.0
 RELIEF_STRENGTH = 2.0
 """Change of a patch's score, in standard deviations of patches, where the ground is one standard
 deviation more exposed and the layer lies on exposed ground only."""
-
-RELIEF_PX = 256
-"""Grid size at which it is measured which layers lie on slopes and on ridges, and at which patches
-follow the ground's forms."""
 
 NOISE_SOFTNESS = 0.07
 """Width of the borders on the land around a stage whose layers lie by the method ``noise``."""
@@ -248,18 +244,19 @@ def _land_masks(
     On land, layers have the same shares as on the stage. A plain around a stage whose layers have
     conditions has those of them that lie on level ground.
     """
+    x0, y0, x1, y1 = material.extent_m
     shares = material.masks.mean(axis=(1, 2), dtype=np.float64)
     relief = None
     if world.is_in_land:
         ground = require(world.ground)
         world.far_ground = world.surroundings.around(ground, world.far_ground)
-        relief = partial(_land_relief, material, ground, world.far_ground)
+        reach_m = farthest_m(min(x1 - x0, y1 - y0) / 2)
+        relief = ReliefAround(world.far_ground, ground, material.masks, reach_m)
     else:
         shares *= [1.0 if when is None else _gate_of_level(when) for when in conditions]
         if not any(conditions) or not shares.any():
             return None
     mask = config.mask
-    x0, y0, x1, y1 = material.extent_m
     patch_m, softness = mask.scale_m, border_softness(mask.sharpness)
     if mask.method == "noise":
         patch_m = max(x1 - x0, y1 - y0) / float(np.mean(mask.noise.scale))
@@ -271,18 +268,6 @@ def _land_masks(
         softness=softness,
         seed=_seed(rng, "land"),
         relief=relief,
-    )
-
-
-def _land_relief(material: TerrainMaterial, ground: Ground, land: FarGroundMesh) -> LandRelief:
-    x0, y0, x1, y1 = material.extent_m
-    nearest_m = min(x1 - x0, y1 - y0) / 2
-    return land_relief(
-        land,
-        ((x0 + x1) / 2, (y0 + y1) / 2),
-        nearest_m,
-        farthest_m(nearest_m),
-        preferences_of(relief_of(ground, RELIEF_PX), material.masks),
     )
 
 

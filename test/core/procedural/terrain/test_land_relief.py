@@ -35,7 +35,7 @@ def test_a_layer_of_steep_ground_lies_on_the_lands_slopes(land: FarGroundMesh) -
     preferences = np.array([(-0.5, 0.0), (1.2, 0.0)])
     relief = land_relief(land, (0.0, 0.0), HALF_M, farthest_m(HALF_M), preferences)
     extent_m = (-HALF_M, -HALF_M, HALF_M, HALF_M)
-    masks = PatchyLandMasks(extent_m, SHARES, 9.0, 0.08, seed=3, relief=lambda: relief)
+    masks = PatchyLandMasks(extent_m, SHARES, 9.0, 0.08, seed=3, relief=relief)
     times = masks.weights.shape[2] // relief.steepness.shape[1]
     on_rock = masks.weights[1][::times, ::times]
     rows = np.linspace(0, len(relief.steepness) - 1, len(on_rock)).astype(int)

@@ -20,6 +20,10 @@ STEEP_SHARE = 0.002
 COARSE_PX = 256
 """Grid size for the search for steep parts."""
 
+RELIEF_PX = 256
+"""Grid size at which it is measured which layers lie on slopes and on ridges, and at which patches
+follow the ground's forms."""
+
 FORMS = (0.5, 1.5, 4.0)
 """Sizes of forms that stand out of the ground around, in units of a patch."""
 

@@ -6,7 +6,7 @@ reaches from the stage's edge to the horizon, with cells that grow with the dist
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, log, pi
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.masks.patches import RAGGED, weights_of
 from oaisys_core.procedural.terrain.noise import Field, balancing_offsets, filter_noise
-from oaisys_core.procedural.terrain.surroundings.land_relief import LandRelief
+from oaisys_core.procedural.terrain.surroundings.land_relief import LandScores
 from oaisys_core.types import FloatArray
 
 DIRECTIONS = 1280
@@ -58,8 +58,7 @@ class PatchyLandMasks:
         patch_m: Size of the stage's patches. On the land there are larger ones, too.
         softness: Width of the borders of patches, in standard deviations of the stage's patches.
         seed: Seed of the patches.
-        relief: Makes the relief of the land, which the patches follow, once a view shows them; None
-            for patches of noise alone.
+        relief: Relief of the land, which the patches follow; None for patches of noise alone.
     """
 
     extent_m: tuple[float, float, float, float]
@@ -67,7 +66,7 @@ class PatchyLandMasks:
     patch_m: float
     softness: float
     seed: int
-    relief: Callable[[], LandRelief] | None = None
+    relief: LandScores | None = None
 
     @property
     def centre_m(self) -> tuple[float, float]:
@@ -143,9 +142,8 @@ class PatchyLandMasks:
         for tiles in self._tiles():
             self._add(tiles, scores[1:])
         if self.relief is not None:
-            relief = self.relief()
             for layer in range(count):
-                scores[layer] += relief.scores(layer, scores.shape[1:])
+                scores[layer] += self.relief.scores(layer, scores.shape[1:])
         shares = np.maximum(np.array(self.shares), MIN_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
         scores[np.array(self.shares) < MIN_SHARE] = -np.inf

@@ -7,14 +7,17 @@ and the land's patches follow its relief as strongly.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.masks.relief import Relief
+from oaisys_core.procedural.terrain.masks.relief import RELIEF_PX, Relief, relief_of
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.land import ENOUGH_POINTS, endless_relief
+from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray
 
 COLUMNS = 320
@@ -47,6 +50,13 @@ MAX_DEVIATION = 3.0
 """Largest deviation from the mean that counts."""
 
 
+class LandScores(Protocol):
+    """By how much a relief favours layers on the land."""
+
+    def scores(self, layer: int, shape: tuple[int, ...]) -> Field:
+        """Return by how much it favours a layer, on a grid of (rows, directions)."""
+
+
 @dataclass(frozen=True, eq=False)
 class LandRelief:
     """What the patches of layers on the land follow.
@@ -73,6 +83,40 @@ class LandRelief:
         size = (shape[1] + 2 * times, shape[0])
         wide = cv2.resize(_around_circle(total), size, interpolation=cv2.INTER_LINEAR)
         return np.asarray(wide[:, times:-times], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class ReliefAround:
+    """The relief of the land around a stage, worked out once a view shows layers on it.
+
+    It holds data alone, by whose digest views of equal worlds are found again.
+
+    Attributes:
+        land: The land.
+        stage: The ground in its middle.
+        masks: (L, M, M) float32 masks of the layers on the stage.
+        farthest_m: Distance from the stage's centre up to which the relief is known.
+    """
+
+    land: FarGroundMesh
+    stage: Ground
+    masks: NDArray[np.float32]
+    farthest_m: float
+
+    def scores(self, layer: int, shape: tuple[int, ...]) -> Field:
+        """See `LandScores`."""
+        return self._relief.scores(layer, shape)
+
+    @cached_property
+    def _relief(self) -> LandRelief:
+        x0, y0, x1, y1 = self.stage.extent_m
+        return land_relief(
+            self.land,
+            ((x0 + x1) / 2, (y0 + y1) / 2),
+            min(x1 - x0, y1 - y0) / 2,
+            self.farthest_m,
+            preferences_of(relief_of(self.stage, RELIEF_PX), self.masks),
+        )
 
 
 def land_relief(
