@@ -13,8 +13,34 @@ UNREAD = frozenset({".tga", ".dds", ".psd", ".ktx", ".ktx2", ".jp2", ".avif", ".
 """Images that are not read."""
 
 COLOR, HEIGHT, NORMAL, ROUGHNESS, GLOSS = "colour", "height", "normals", "roughness", "gloss"
-OCCLUSION, PACKED, METALLIC_ROUGHNESS = "occlusion", "packed", "metallic-roughness"
+OCCLUSION, PACKED = "occlusion", "packed"
 UNUSED = "unused"
+
+CHANNELS = {
+    "arm": (OCCLUSION, ROUGHNESS),
+    "orm": (OCCLUSION, ROUGHNESS),
+    "occlusion-roughness-metallic": (OCCLUSION, ROUGHNESS),
+    "occlusionroughnessmetallic": (OCCLUSION, ROUGHNESS),
+    "ao-roughness-metallic": (OCCLUSION, ROUGHNESS),
+    "ao-rough-metal": (OCCLUSION, ROUGHNESS),
+    "ord": (OCCLUSION, ROUGHNESS, HEIGHT),
+    "ordp": (OCCLUSION, ROUGHNESS, HEIGHT),
+    "rma": (ROUGHNESS, "", OCCLUSION),
+    "mra": ("", ROUGHNESS, OCCLUSION),
+    "mrao": ("", ROUGHNESS, OCCLUSION),
+    "metallic-roughness": ("", ROUGHNESS),
+    "metallicroughness": ("", ROUGHNESS),
+    "metal-rough": ("", ROUGHNESS),
+    "mask-map": ("", OCCLUSION, "", GLOSS),
+    "maskmap": ("", OCCLUSION, "", GLOSS),
+    "metallic-smoothness": ("", "", "", GLOSS),
+    "metallicsmoothness": ("", "", "", GLOSS),
+    "specular-smoothness": ("", "", "", GLOSS),
+    "specularsmoothness": ("", "", "", GLOSS),
+}
+"""What red, green, blue and alpha of a packed map are, by the word that names it: of Poly Haven and
+glTF (ARM, ORM), Quixel (ORD), Unreal and Source (RMA, MRA), Unity (mask map, metallic smoothness).
+Empty is what ground does not have, such as metalness."""
 
 WORDS = {
     COLOR: "diffuse diff albedo basecolor base-color basecolour base-colour color colour col"
@@ -24,20 +50,18 @@ WORDS = {
     ROUGHNESS: "roughness rough rgh",
     GLOSS: "gloss glossiness glossy smoothness",
     OCCLUSION: "ao ambientocclusion ambient-occlusion occlusion occ",
-    PACKED: "arm orm occlusion-roughness-metallic ao-roughness-metallic ao-rough-metal ord",
-    METALLIC_ROUGHNESS: "metallic-roughness metal-rough metallicroughness",
+    PACKED: " ".join(CHANNELS),
     UNUSED: (
         "spec specular refl reflection metal metallic metalness mask opacity alpha emissive"
         " emission translucency translucent transmission cavity fuzz curvature thickness coat"
-        " sheen anisotropy rma mra preview bent-normal bent-normals bentnormal bentnormals"
-        " metallic-smoothness metallicsmoothness mask-map maskmap specular-color"
-        " specular-smoothness specularsmoothness emissive-color emission-color"
+        " sheen anisotropy preview bent-normal bent-normals bentnormal bentnormals"
+        " specular-color"
+        " emissive-color emission-color"
     ),
 }
 """Words by kind of map, the better first; a hyphen joins words that follow each other.
 
-In a ``packed`` map red is occlusion, green roughness; in a ``metallic-roughness`` one green is
-roughness. ``unused`` maps say nothing about ground, which is neither metallic nor specular.
+``unused`` maps say nothing about ground, which is neither metallic nor specular.
 """
 
 DIRECTX = frozenset({"dx", "directx", "d3d", "normaldx", "nordx", "nrmdx"})
@@ -64,6 +88,7 @@ class MapFile:
         rank: Place of its word among those of the kind.
         convention: Of normals: ``dx`` (green points down), ``gl`` (up), or empty if no name tells.
         start: The words of its name before that.
+        channels: What the channels of a packed map are, see `CHANNELS`.
     """
 
     path: Path
@@ -71,6 +96,7 @@ class MapFile:
     rank: int
     convention: str
     start: tuple[str, ...]
+    channels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,13 +119,12 @@ class FolderMaps:
 
 
 def maps_in(folder: Path) -> FolderMaps:
-    """Return which images of a folder are used.
+    """Return which images of a folder are used, or, if it has none, of its folder ``textures``.
 
     Of several of a kind, that whose name starts as the folder's is used, else as most names in the
     folder, else that with the better word, else the first by name.
     """
-    # macOS puts files with a dot in front beside the true ones.
-    images = sorted(each for each in folder.iterdir() if not each.name.startswith("."))
+    images = _images_in(folder) or _images_in(folder / "textures")
     files = [each for each in images if each.suffix.lower() in SUFFIXES]
     named = [found for file in files if (found := map_file(file)) is not None]
     starts = Counter(each.start for each in named)
@@ -119,16 +144,33 @@ def maps_in(folder: Path) -> FolderMaps:
         elif each.kind != UNUSED:
             used[each.kind] = each
             del aside[each.path]
-    for kind, others in ((GLOSS, (ROUGHNESS,)), *((each, _CONTENT[each]) for each in _CONTENT)):
-        if kind in used and all(other in used for other in others):
-            aside[used.pop(kind).path] = f"{used[others[0]].path.name} is used"
+    for kind in (GLOSS, PACKED):
+        if kind in used and (others := _substitutes(used[kind], used)):
+            aside[used.pop(kind).path] = f"{others[0].path.name} is used"
     for file in images:
         if file.suffix.lower() in UNREAD:
             aside[file] = f"{file.suffix} is not read: save it as PNG"
     return FolderMaps({kind: used[kind] for kind in WORDS if kind in used}, aside)
 
 
-_CONTENT = {PACKED: (ROUGHNESS, OCCLUSION), METALLIC_ROUGHNESS: (ROUGHNESS,)}
+def _images_in(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    # macOS puts files with a dot in front beside the true ones.
+    visible = (each for each in folder.iterdir() if not each.name.startswith("."))
+    return sorted(each for each in visible if each.suffix.lower() in SUFFIXES | UNREAD)
+
+
+def _substitutes(each: MapFile, used: dict[str, MapFile]) -> list[MapFile]:
+    """Return the maps that say all that a gloss map or a packed one says; none if they do not."""
+    found = []
+    for content in filter(None, each.channels or (each.kind,)):
+        kinds = [ROUGHNESS, GLOSS] if content in (ROUGHNESS, GLOSS) else [content]
+        others = [used[kind] for kind in kinds if kind in used and used[kind] is not each]
+        if not others:
+            return []
+        found.append(others[0])
+    return found
 
 
 def map_file(path: Path) -> MapFile | None:
@@ -145,7 +187,9 @@ def map_file(path: Path) -> MapFile | None:
     convention = ""
     if kind == NORMAL:
         convention = "dx" if DIRECTX & {*words} else "gl" if OPENGL & {*words} else ""
-    return MapFile(path, kind, rank, convention, _without_sizes(words[: best[0] - best[1]]))
+    start = best[0] - best[1]
+    channels = CHANNELS["-".join(words[start : best[0]])] if kind == PACKED else ()
+    return MapFile(path, kind, rank, convention, _without_sizes(words[:start]), channels)
 
 
 def _runs(words: Sequence[str]) -> Iterator[tuple[int, tuple[str, ...]]]:
@@ -172,6 +216,8 @@ def _without_sizes(words: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _shown(each: MapFile) -> str:
+    if each.kind == PACKED:
+        return " and ".join(filter(None, each.channels))
     if each.kind != NORMAL:
         return each.kind
     told = {

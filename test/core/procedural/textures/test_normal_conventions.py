@@ -74,8 +74,6 @@ def test_a_grey_normal_map_is_refused(folder: Path) -> None:
     "name",
     [
         "a_bent_normal.png",
-        "a_MetallicSmoothness.png",
-        "a_MaskMap.png",
         "._a_diff.png",
         "a_rough.tga",
     ],

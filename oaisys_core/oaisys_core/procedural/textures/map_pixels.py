@@ -1,0 +1,164 @@
+"""The pixels of a texture map as its format defines them; what is unusual in them is told."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import srgb
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import TEXTURE, decode_pixels, read_file
+from oaisys_core.output.exr import read_channels
+
+LOG = logging.getLogger(__name__)
+
+Image = NDArray[np.float32]
+
+_SRGB_PROFILES = re.compile(rb"s\W*R\W*G\W*B|IEC\W*61966-?2", re.IGNORECASE)
+_GREY_STEP = 0.02
+"""Difference of channels that is more than the noise of JPEG."""
+
+
+def read_color(path: Path) -> Image:
+    """Return (H, W, 3) sRGB-encoded colour, 0 to 1.
+
+    EXR images, TIFF images of floats and PNG images with a gamma of 1 have linear colour.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    image, is_linear = read_map(path)
+    if image.shape[2] == 4 and (image[..., 3] < 1).any():
+        LOG.warning("%s: its transparency is left aside: ground has no holes", path)
+    color = image[..., :3]
+    if (share := float((color > 1).any(axis=-1).mean())) > 0:
+        LOG.warning("%s: %.1f %% of its colours are above 1, and clipped", path, 100 * share)
+    color = np.clip(color, 0, 1)
+    if is_linear:
+        LOG.info("%s: its colours are linear", path)
+        return srgb(color)
+    return color
+
+
+def read_grey(path: Path, channel: int = 0) -> Image:
+    """Return one channel, (H, W) from 0 to 1; linear, whatever the file says.
+
+    Raises:
+        InvalidInputError: It cannot be read, or has no such channel.
+    """
+    image, _ = read_map(path)
+    if channel >= image.shape[2]:
+        raise InvalidInputError("folder", str(path), f"an image with {channel + 1} channels")
+    return np.clip(image[..., channel], 0, 1)
+
+
+def read_single(path: Path) -> Image:
+    """Return a grey map, (H, W) from 0 to 1; of colours the red, with a warning.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    image, _ = read_map(path)
+    if np.ptp(image[..., :3], axis=-1).max() > _GREY_STEP:
+        LOG.warning("%s: it is coloured, and its red channel is used", path)
+    return np.clip(image[..., 0], 0, 1)
+
+
+def read_height(path: Path) -> Image:
+    """Return a height map, (H, W) from 0 to 1; floats beyond that are scaled, with a warning.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    image, _ = read_map(path)
+    height = image[..., 0]
+    least, most = float(height.min()), float(height.max())
+    if least >= 0 and most <= 1:
+        return height
+    LOG.warning("%s: its heights from %g to %g are scaled to 0 to 1", path, least, most)
+    return (height - np.float32(least)) / np.float32(most - least or 1.0)
+
+
+def read_normals(path: Path) -> Image:
+    """Return the components of normals, (H, W, 3) from -1 to 1, as the file has them.
+
+    Raises:
+        InvalidInputError: It cannot be read, or is grey.
+    """
+    image = read_map(path)[0][..., :3]
+    if np.ptp(image, axis=-1).max() < _GREY_STEP:
+        expected = "normals as red, green and blue; this is grey, perhaps a height map"
+        raise InvalidInputError("folder", str(path), expected)
+    if float(image.min()) < -_GREY_STEP:  # floats from -1 to 1
+        return np.clip(image, -1, 1)
+    normals = 2 * np.clip(image, 0, 1) - 1
+    if float(image[..., 2].max()) < _GREY_STEP:
+        LOG.warning("%s: it has no z, which is derived from x and y", path)
+        squares = (normals[..., :2] ** 2).sum(axis=-1)
+        normals[..., 2] = np.sqrt(np.clip(1 - squares, 0, 1))
+    return normals
+
+
+def read_map(path: Path) -> tuple[Image, bool]:
+    """Return an image as (H, W, 3 or 4) red first, integers as 0 to 1, and whether it is linear.
+
+    Raises:
+        InvalidInputError: It cannot be read, or has values that are not finite.
+    """
+    is_exr = path.suffix.lower() == ".exr"
+    image, is_linear = (_exr_image(path), True) if is_exr else _plain_image(path)
+    if not np.isfinite(image).all():
+        raise InvalidInputError("folder", str(path), "a map of finite numbers")
+    return image, is_linear
+
+
+def _exr_image(path: Path) -> Image:
+    layers = read_channels(path, TEXTURE)
+    channels = {name.rpartition(".")[2]: each for name, each in layers.items()}
+    grey = next(iter(channels.values()))
+    names = [each for each in "RGBA" if each in channels or each != "A"]
+    if grey.dtype.kind != "f":
+        raise InvalidInputError("folder", str(path), "a map of floats, not of integers, as EXR")
+    return np.stack([channels.get(name, grey) for name in names], axis=-1).astype(np.float32)
+
+
+def _plain_image(path: Path) -> tuple[Image, bool]:
+    data = read_file(path, TEXTURE)
+    image = decode_pixels(data, TEXTURE, str(path))
+    if image.dtype not in (np.uint8, np.uint16, np.float32):
+        expected = f"a map of 8 or 16 bits, or 32-bit floats, not {image.dtype}"
+        raise InvalidInputError("folder", str(path), expected)
+    is_float = image.dtype.kind == "f"
+    scale = 1.0 if is_float else np.iinfo(image.dtype).max
+    pixels = np.asarray(image / np.float32(scale), np.float32)
+    return _red_first(pixels), is_float or _is_linear(path, data)
+
+
+def _red_first(image: Image) -> Image:
+    if image.ndim == 2:
+        image = image[..., None]
+    if image.shape[2] < 3:
+        return np.repeat(image[..., :1], 3, axis=2)
+    return image[..., (2, 1, 0, *range(3, image.shape[2]))]
+
+
+def _is_linear(path: Path, data: bytes) -> bool:
+    """Return whether a PNG says that its values are linear; warn of profiles that are not sRGB."""
+    from PIL import Image as Pillow
+
+    try:
+        with Pillow.open(io.BytesIO(data)) as file:
+            info: dict[str, Any] = dict(file.info)
+    except (OSError, ValueError, Pillow.DecompressionBombError):
+        return False
+    profile = info.get("icc_profile") or b""
+    # Its description may be in UTF-16, with a zero between letters.
+    if profile and not _SRGB_PROFILES.search(profile.replace(b"\0", b"")):
+        LOG.warning("%s: its colour profile is not sRGB, and is not used: save it as sRGB", path)
+    return "srgb" not in info and not profile and info.get("gamma") == 1.0
