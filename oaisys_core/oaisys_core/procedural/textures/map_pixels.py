@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -96,8 +97,8 @@ def read_normals(path: Path) -> Image:
         expected = "normals as red, green and blue; this is grey, perhaps a height map"
         raise InvalidInputError("folder", str(path), expected)
     if float(image.min()) < -_GREY_STEP:  # floats from -1 to 1
-        return np.clip(image, -1, 1)
-    normals = 2 * np.clip(image, 0, 1) - 1
+        return np.asarray(np.clip(image, -1, 1), np.float32)
+    normals = np.asarray(2 * np.clip(image, 0, 1) - 1, np.float32)
     if float(image[..., 2].max()) < _GREY_STEP:
         LOG.warning("%s: it has no z, which is derived from x and y", path)
         squares = (normals[..., :2] ** 2).sum(axis=-1)
@@ -125,7 +126,8 @@ def _exr_image(path: Path) -> Image:
     names = [each for each in "RGBA" if each in channels or each != "A"]
     if grey.dtype.kind != "f":
         raise InvalidInputError("folder", str(path), "a map of floats, not of integers, as EXR")
-    return np.stack([channels.get(name, grey) for name in names], axis=-1).astype(np.float32)
+    stack = np.stack([channels.get(name, grey) for name in names], axis=-1)
+    return np.asarray(stack, np.float32)
 
 
 def _plain_image(path: Path) -> tuple[Image, bool]:
@@ -154,7 +156,7 @@ def _is_linear(path: Path, data: bytes) -> bool:
 
     try:
         with Pillow.open(io.BytesIO(data)) as file:
-            info: dict[str, Any] = dict(file.info)
+            info: Mapping[Any, Any] = file.info
     except (OSError, ValueError, Pillow.DecompressionBombError):
         return False
     profile = info.get("icc_profile") or b""
