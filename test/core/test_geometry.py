@@ -103,7 +103,7 @@ def test_looking_at_points_at_the_target_without_roll() -> None:
         ((0, np.inf, 0), (0, 0, 0, 1), "pose.position"),
         ((0, 0), (0, 0, 0, 1), "pose.position"),
         ((0, 0, 0), (0, 0, 0, 0), "pose.orientation"),
-        ((0, 0, 0), (0, 0, 0, 1.01), "pose.orientation"),
+        ((0, 0, 0), (0, 0.39, 0, 0.94), "pose.orientation"),
         ((0, 0, 0), (0, np.nan, 0, 1), "pose.orientation"),
     ],
 )
@@ -113,9 +113,10 @@ def test_bad_poses_are_refused_by_field(position_m, quat_xyzw, field) -> None:
     assert caught.value.field == field
 
 
-def test_a_nearly_unit_quaternion_is_normalised() -> None:
-    pose = geometry.check_pose((0, 0, 0), (0, 0, 0, 1.0009))
-    assert pose.quat_xyzw == (0, 0, 0, 1)
+@pytest.mark.parametrize("quat_xyzw", [(0, 0.38, 0, 0.93), (0, 0, 0, 1.009), (0.991, 0, 0, 0)])
+def test_a_quaternion_within_one_percent_is_normalised(quat_xyzw) -> None:
+    pose = geometry.check_pose((0, 0, 0), quat_xyzw)
+    assert pose.quat_xyzw == pytest.approx(quat_xyzw / np.linalg.norm(quat_xyzw), abs=1e-15)
 
 
 def test_a_checked_pose_and_a_pose_of_a_motion_stay_as_they_are_when_checked_again() -> None:

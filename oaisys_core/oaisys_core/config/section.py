@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
+from math import hypot, inf
 from typing import Annotated, Any
 
 from pydantic import (
@@ -21,6 +20,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from oaisys_core.errors import quote
+from oaisys_core.geometry import expect_unit_norm
 
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
@@ -94,9 +94,14 @@ MAX_LEVELS = 10
 """Semantic levels: ``semantic_0`` to ``semantic_9``."""
 
 
-def is_unit_quaternion(quat: Sequence[float]) -> bool:
-    """Return whether (x, y, z, w) has norm 1 within the precision of typed numbers."""
-    return bool(abs(sum(v * v for v in quat) ** 0.5 - 1) <= 1e-3)
+def _check_norm(quat_xyzw: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if expected := expect_unit_norm(hypot(*quat_xyzw)):
+        raise ValueError(f"expected {expected}")
+    return quat_xyzw
+
+
+Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_check_norm)]
+"""Unit quaternion (x, y, z, w), kept as it was typed; who uses it normalises it."""
 
 
 def _has_truth_value(value: Any) -> bool:

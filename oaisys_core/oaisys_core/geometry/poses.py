@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 
-QUATERNION_TOLERANCE = 1e-3
-"""Quaternions whose norm differs from 1 by at most this are normalised, others are refused."""
+QUATERNION_TOLERANCE = 1e-2
+"""Quaternions whose norm differs from 1 by at most this are normalised, others are refused.
+
+Two digits typed by hand are accepted, as tf2 accepts them.
+"""
 
 NORMALISED_TOLERANCE = 1e-12
 """Quaternions whose norm differs from 1 by at most this count as normalised.
@@ -86,6 +89,13 @@ def distances_along_m(places_m: ArrayLike) -> FloatArray:
     return np.append(0.0, np.cumsum(steps_m))
 
 
+def expect_unit_norm(norm: float) -> str:
+    """Return what was expected instead of a quaternion's norm; empty: nothing, it is about 1."""
+    if abs(norm - 1.0) <= QUATERNION_TOLERANCE:
+        return ""
+    return f"a unit quaternion (norm within {QUATERNION_TOLERANCE} of 1, not {norm:.6g})"
+
+
 def check_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
     """Return a pose from untrusted numbers, its quaternion normalised.
 
@@ -103,12 +113,8 @@ def check_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose")
     if quat.shape != (4,) or not np.isfinite(quat).all():
         raise InvalidInputError(f"{field}.orientation", quat.tolist(), "four finite numbers")
     norm = float(np.linalg.norm(quat))
-    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        raise InvalidInputError(
-            f"{field}.orientation",
-            quat.tolist(),
-            f"a unit quaternion (norm within {QUATERNION_TOLERANCE} of 1, not {norm:.6g})",
-        )
+    if expected := expect_unit_norm(norm):
+        raise InvalidInputError(f"{field}.orientation", quat.tolist(), expected)
     if abs(norm - 1.0) > NORMALISED_TOLERANCE:
         quat = quat / norm
     x, y, z, w = (float(v) for v in quat)

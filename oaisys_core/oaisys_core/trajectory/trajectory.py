@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import expect_unit_norm
 from oaisys_core.scene.rig_motion import TIME_TOLERANCE_S, RigMotion
 from oaisys_core.types import FloatArray, Pose
 
@@ -42,7 +43,7 @@ class Trajectory:
 
         Raises:
             InvalidInputError: There are fewer than two poses, times do not increase, numbers are
-                not finite, or a quaternion is zero.
+                not finite, or a quaternion is off unit norm.
         """
         from scipy.spatial.transform import Rotation, RotationSpline
 
@@ -58,8 +59,11 @@ class Trajectory:
             row = int(np.argmin(steps_s > 0)) + 1
             expected = f"a time after {self.times_s[row - 1]:.9g} s"
             raise InvalidInputError(f"trajectory.times_s.{row}", float(self.times_s[row]), expected)
-        if not np.linalg.norm(self.quats_xyzw, axis=1).all():
-            raise InvalidInputError("trajectory.quats_xyzw", [0.0] * 4, "quaternions of norm 1")
+        norms = np.linalg.norm(self.quats_xyzw, axis=1)
+        worst = int(np.argmax(np.abs(norms - 1.0)))
+        if expected := expect_unit_norm(float(norms[worst])):
+            field = f"trajectory.quats_xyzw.{worst}"
+            raise InvalidInputError(field, self.quats_xyzw[worst].tolist(), expected)
         # Seconds since 1970 would cost the spline half of its digits.
         knots_s = self.times_s - self.times_s[0]
         self._positions = scipy.interpolate.CubicSpline(knots_s, self.positions_m)

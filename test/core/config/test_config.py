@@ -60,6 +60,32 @@ def test_faults_name_line_path_and_value(tmp_path: Path, text: str, parts: tuple
     assert all(part in str(caught.value) for part in parts), str(caught.value)
 
 
+CAMERA, LIDAR, IMU = (
+    f"sensors:\n  {kind}:\n  - {{{{name: a, mount_quat_xyzw: {{0}}}}}}\n"
+    for kind in ("cameras", "lidars", "imus")
+)
+WAYPOINTS = "waypoints_m: [[0, 0, 9], [1, 0, 9]]"
+SPLINE = f"sensors:\n  motion: {{{{kind: spline, {WAYPOINTS}, quats_xyzw: [{{0}}, {{0}}]}}}}\n"
+OBJECT, PRIMITIVE = (
+    f"assets:\n  {kind}:\n  - {{{{{keys}, position_m: [0, 0, 0], quat_xyzw: {{0}}}}}}\n"
+    for kind, keys in (
+        ("objects", "name: a, shape: boulder, label: a, semantic_id: 9"),
+        ("primitives", "shape: box, size_m: [1, 1, 1]"),
+    )
+)
+
+
+@pytest.mark.parametrize("text", [CAMERA, LIDAR, IMU, SPLINE, OBJECT, PRIMITIVE])
+def test_quaternions_typed_by_hand_are_accepted_and_others_refused(
+    tmp_path: Path, text: str
+) -> None:
+    load_config(write(tmp_path, text.format("[0, 0.38, 0, 0.93]")))
+    for bad in ("[0, 0, 0, 1.02]", "[0, 0, 0, 0.98]", "[0, 0, 0, 0]"):
+        with pytest.raises(ConfigError, match=r"quats?_xyzw.*within 0\.01 of 1") as caught:
+            load_config(write(tmp_path, text.format(bad)))
+        assert bad[1:-1].split(", ")[-1] in str(caught.value)
+
+
 def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load_config(write(tmp_path, "seed: x\nbackend: unreal\nstage: {resolution_px: 0}\n"))

@@ -133,6 +133,13 @@ def test_a_faulty_file_is_refused_with_its_line(
         read_trajectory(tmp_path / name)
 
 
+@pytest.mark.parametrize("norm", [0.0, 0.98, 1.02, 5.0])
+def test_an_orientation_off_unit_norm_is_refused_by_its_row(norm: float) -> None:
+    quats = [(0, 0, 0, 1), (0, 0, 0, 0.995), (0, 0, 0, norm)]
+    with pytest.raises(InvalidInputError, match=r"quats_xyzw.2.*within 0\.01 of 1"):
+        Trajectory([0, 1, 2], np.zeros((3, 3)), quats)
+
+
 def test_a_time_outside_of_a_trajectory_is_refused() -> None:
     made = screw()
     for time_s in (1.9, 12.1, np.nan):

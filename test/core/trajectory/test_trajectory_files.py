@@ -40,6 +40,18 @@ def test_the_ground_truth_of_euroc_is_read_as_evo_reads_it(tmp_path: Path, comma
     assert ours.quats_xyzw[0] == pytest.approx((0, 0.6, 0, 0.8))
 
 
+def test_orientations_typed_by_hand_are_normalised_and_others_refused(tmp_path: Path) -> None:
+    rounded = "0,0.38,0,0.93"
+    path = tmp_path / "a.csv"
+    path.write_text(f"{HEAD}\n0,1,2,3,{rounded}\n1,4,5,6,{rounded}\n")
+    trajectory = read_trajectory(path)
+    assert np.linalg.norm(trajectory.pose(0.5).quat_xyzw) == pytest.approx(1, abs=1e-12)
+    for bad in ("0,0,0,1.02", "0,0,0,0"):
+        path.write_text(f"{HEAD}\n0,1,2,3,{rounded}\n1,4,5,6,{bad}\n")
+        with pytest.raises(InvalidInputError, match=r"a.csv:3.*within 0.01 of 1"):
+            read_trajectory(path)
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [

@@ -14,12 +14,13 @@ from oaisys_core.config.section import (
     Labelled,
     Position,
     Positive,
+    Quaternion,
     Section,
     SemanticId,
     Vector3,
 )
 from oaisys_core.config.sections.groups import Count, GroupConfig
-from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, unit_quaternion
+from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig
 
 MAX_GROUPS, MAX_OBJECTS = 1000, 2500
 """Largest numbers, so that each has its own instance ids."""
@@ -90,7 +91,7 @@ class PrimitiveConfig(Labelled):
     shape: Literal["sphere", "box"]
     size_m: Position
     position_m: Position
-    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     label: str = "target"
     semantic_id: SemanticId = 20
     color_srgb: Vector3 = (0.6, 0.3, 0.2)
@@ -112,8 +113,6 @@ class PrimitiveConfig(Labelled):
         if self.shape == "sphere" and len(set(self.size_m)) != 1:
             raise ValueError("a sphere has one radius")
         return self
-
-    _unit = field_validator("quat_xyzw")(unit_quaternion)
 
 
 class AssetsConfig(Section):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from oaisys_core.config.section import Position, Section, Vector3, is_unit_quaternion
+from oaisys_core.config.section import Position, Quaternion, Section, Vector3
 
 Density = Annotated[float, Field(ge=0, le=1e6)]
 
@@ -33,7 +33,7 @@ class ImuConfig(Section):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)] = "imu"
     rate_hz: float = Field(default=200.0, gt=0, le=100_000)
     mount_position_m: Position = (0.0, 0.0, 0.0)
-    mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    mount_quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     gyroscope_noise_density: Density = 0.0
     gyroscope_random_walk: Density = 0.0
     accelerometer_noise_density: Density = 0.0
@@ -41,9 +41,3 @@ class ImuConfig(Section):
     gyroscope_bias_rad_s: Vector3 = (0.0, 0.0, 0.0)
     accelerometer_bias_m_s2: Vector3 = (0.0, 0.0, 0.0)
     seed: int = Field(default=0, ge=0, lt=2**63)
-
-    @model_validator(mode="after")
-    def _check_rotation(self) -> ImuConfig:
-        if not is_unit_quaternion(self.mount_quat_xyzw):
-            raise ValueError("mount_quat_xyzw must be a unit quaternion")
-        return self

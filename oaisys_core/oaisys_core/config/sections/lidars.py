@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import MAX_M, Position, Positive, Section, is_unit_quaternion
+from oaisys_core.config.section import MAX_M, Position, Positive, Quaternion, Section
 from oaisys_core.files.path_fields import ConfigFile
 
 MAX_RAYS = 4_000_000
@@ -201,7 +201,7 @@ class LidarConfig(Section):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)] = "lidar"
     mount_position_m: Position = (0.0, 0.0, 0.0)
-    mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    mount_quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     scan: AnyScan = RotatingScanConfig()
     period_s: float = Field(default=0.1, ge=1e-6, le=3600)
     sweep_share: float = Field(default=0.0, ge=0, le=1)
@@ -218,8 +218,6 @@ class LidarConfig(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> LidarConfig:
-        if not is_unit_quaternion(self.mount_quat_xyzw):
-            raise ValueError("mount_quat_xyzw must be a unit quaternion")
         if self.min_range_m >= self.max_range_m:
             raise ValueError("max_range_m must be above min_range_m")
         if self.scan.ray_count > MAX_RAYS:

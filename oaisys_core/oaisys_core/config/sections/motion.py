@@ -15,10 +15,10 @@ from pydantic import AfterValidator, Field, model_validator
 from oaisys_core.config.section import (
     Positive,
     PositiveRange,
+    Quaternion,
     Range,
     Section,
     Vector3,
-    is_unit_quaternion,
 )
 from oaisys_core.files.path_fields import ConfigFile
 
@@ -41,7 +41,6 @@ def _off_the_poles(value: tuple[float, float]) -> tuple[float, float]:
 DistanceRange = Annotated[Range, AfterValidator(_not_negative)]
 ElevationRange = Annotated[Range, AfterValidator(_off_the_poles)]
 BoxRange = tuple[Range, Range, Range]
-Quaternion = tuple[float, float, float, float]
 Look = Literal["forward", "down"]
 AtEnd = Literal["stay", "repeat", "refuse"]
 
@@ -258,8 +257,6 @@ class SplineMotion(MotionConfig):
             raise ValueError("successive waypoints must differ")
         if self.quats_xyzw and len(self.quats_xyzw) != len(self.waypoints_m):
             raise ValueError("there must be one quaternion for each waypoint, or none")
-        if not all(is_unit_quaternion(q) for q in self.quats_xyzw):
-            raise ValueError("quats_xyzw must be unit quaternions")
         return self
 
 

@@ -8,30 +8,22 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from oaisys_core.config.section import (
     Labelled,
     Metres,
     Position,
     Positive,
+    Quaternion,
     Scale,
     Section,
-    is_unit_quaternion,
 )
 from oaisys_core.files.path_fields import ConfigFile
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
-Quaternion = tuple[float, float, float, float]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Anchor = Literal["origin", "base"]
-
-
-def unit_quaternion(value: Quaternion) -> Quaternion:
-    """Return an (x, y, z, w) quaternion of norm 1 as it came."""
-    if not is_unit_quaternion(value):
-        raise ValueError("expected a unit quaternion")
-    return value
 
 
 class ShapedConfig(Labelled):
@@ -83,8 +75,6 @@ class PlacedObjectConfig(ShapedConfig):
     anchor: Anchor = "base"
     scale: Scale = 1.0
     hidden: bool = False
-
-    _unit = field_validator("quat_xyzw")(unit_quaternion)
 
 
 class ObjectConfig(PlacedObjectConfig):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from oaisys_core import geometry
-from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
+from oaisys_core.config.section import Position, Positive, Quaternion, Section
 from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
@@ -172,7 +172,7 @@ class CameraConfig(OpticsConfig):
     height_px: int = Field(default=480, ge=1, le=MAX_IMAGE_SIDE_PX)
     fisheye: FisheyeConfig | None = None
     mount_position_m: Position = (0.0, 0.0, 0.0)
-    mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    mount_quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     modalities: tuple[Modality, ...] = Field(
         default=("rgb", "depth", "semantic_0", "instance"), min_length=1
     )
@@ -223,8 +223,6 @@ class CameraConfig(OpticsConfig):
     def _check_bounds(self) -> CameraConfig:
         if self.width_px * self.height_px > MAX_IMAGE_PX:
             raise ValueError(f"an image has at most {MAX_IMAGE_PX} pixels")
-        if not is_unit_quaternion(self.mount_quat_xyzw):
-            raise ValueError("mount_quat_xyzw must be a unit quaternion")
         return self
 
     @model_validator(mode="after")

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from oaisys_core.config.expectations import refusal
-from oaisys_core.config.section import Position, Scale, Section
+from oaisys_core.config.section import Position, Quaternion, Scale, Section
 from oaisys_core.config.sections.objects import (
     Name,
     PlacedObjectConfig,
-    Quaternion,
-    unit_quaternion,
 )
 from oaisys_core.types import merge
 
@@ -49,11 +47,6 @@ class ObjectEdit(Section):
     quat_xyzw: Quaternion | None = None
     scale: Scale = 1.0
     hidden: bool | None = None
-
-    @field_validator("quat_xyzw")
-    @classmethod
-    def _unit(cls, value: Quaternion | None) -> Quaternion | None:
-        return None if value is None else unit_quaternion(value)
 
 
 class AddedConfig(PlacedObjectConfig):
