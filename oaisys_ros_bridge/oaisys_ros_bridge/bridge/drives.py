@@ -55,7 +55,7 @@ class DrivePublisher:
         Raises:
             OaisysError: The drive is refused, fails, or is cancelled.
         """
-        request = drive_request(self._goal.request, self._render_queue.map_frame)
+        request = drive_request(self._goal.request, self._render_queue.frames)
         with (
             self._render_queue.metadata.lend() as metadata,
             link.drive(request, metadata) as stream,

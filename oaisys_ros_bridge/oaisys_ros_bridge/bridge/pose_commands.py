@@ -23,7 +23,7 @@ from oaisys_ros_bridge.bridge.requests import (
     Cancellation,
     ViewRequest,
     check_count,
-    check_frame,
+    poses_in_map,
     poses_of_trajectory,
 )
 from oaisys_ros_bridge.parameters.table import Settings
@@ -83,7 +83,7 @@ class PoseCommands:
     def _on_trajectory(self, trajectory: MultiDOFJointTrajectory) -> None:
         points = self._settings()["trajectory_points"]
         try:
-            self._replace(poses_of_trajectory(trajectory, points, self._render_queue.map_frame))
+            self._replace(poses_of_trajectory(trajectory, points, self._render_queue.frames))
         except OaisysError as error:
             self._node.get_logger().warning(f"command/trajectory refused: {error}")
 
@@ -124,11 +124,11 @@ def sweep_server(node: Node, render_queue: RenderQueue) -> GoalServer:
         # What readers have yet to find missing of earlier samples is not this goal's loss.
         render_queue.back_pressure.wait_until_taken(cancellation)
         before = render_queue.back_pressure.states()
-        check_frame(array.header.frame_id, "poses.header.frame_id", render_queue.map_frame)
+        # Now: the sweep itself moves the frames of the rig.
+        in_map = poses_in_map(array.header, render_queue.frames, "poses.header")
         for index, pose in enumerate(array.poses):
-            request = ViewRequest(PoseStamped(header=array.header, pose=pose))
             try:
-                sample, _ = render_queue.render(request, cancellation)
+                sample, _ = render_queue.render(ViewRequest(in_map(pose)), cancellation)
             except CancelledError:
                 raise
             except OaisysError as error:

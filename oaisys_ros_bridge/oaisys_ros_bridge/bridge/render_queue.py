@@ -21,6 +21,7 @@ from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 from oaisys_ros_bridge.publishing.sample_publisher import Publication
 
 R = TypeVar("R")
@@ -112,6 +113,11 @@ class RenderQueue:
         self._current: Cancellation | None = None
         self._idle = threading.Event()
         self._idle.set()
+
+    @property
+    def frames(self) -> FrameHistory:
+        """Where the frames are in which poses may come; `NotReadyError` while unconfigured."""
+        return self._topics.frames
 
     @property
     def map_frame(self) -> str:
@@ -267,7 +273,7 @@ class RenderQueue:
             raise NotReadyError(self.paused_reason)
         pose = None
         if request.pose is not None:
-            pose = rig_pose(request.pose, request.sensor, link.info, self.map_frame)
+            pose = rig_pose(request.pose, request.sensor, link.info, self.frames)
         try:
             return self._publish(request, pose, link, cancellation)
         except NotReadyError:

@@ -25,7 +25,8 @@ from oaisys_core.files.documents import parse_plain_json
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo, TimedPoses
 from oaisys_msgs.action import Drive
-from oaisys_ros_bridge.conversions import pose_from_msg
+from oaisys_ros_bridge.conversions import pose_from_msg, pose_to_stamped_msg
+from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 
 MAX_POSES = 100_000
 """Of a sweep or a trajectory: some days of rendering."""
@@ -109,21 +110,21 @@ class Cancellation:
                 self._stop = None
 
 
-def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: str) -> Pose:
+def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, frames: FrameHistory) -> Pose:
     """Return the pose of the rig that a request asks for.
 
     Args:
-        stamped: Pose in ``map`` of the rig's ``base_link`` or, if a sensor is named, of that
-            sensor's link (x forward, y left, z up).
+        stamped: Pose of the rig's ``base_link`` or, if a sensor is named, of that sensor's link
+            (x forward, y left, z up), in any frame that the bridge publishes.
         sensor: Name of the sensor, or empty.
         info: The simulator, which knows where the sensor sits.
-        map_frame: Name of the frame that poses may come in, beside ``map`` and the empty name.
+        frames: Where these frames are.
 
     Raises:
         InvalidInputError: Unknown frame or sensor, or numbers that are no pose.
     """
-    check_frame(stamped.header.frame_id, "pose.header.frame_id", map_frame)
-    pose = pose_from_msg(stamped.pose, "pose.pose")
+    in_frame = pose_from_msg(stamped.pose, "pose.pose")
+    pose = frames.pose_in_map(in_frame, stamped.header, "pose.header")
     if not sensor:
         return pose
     links = {s.name: s.T_base_camera @ invert(T_LINK_OPTICAL) for s in info.sensors}
@@ -133,10 +134,32 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
     return pose_from_matrix(pose_to_matrix(pose) @ invert(links[sensor]))
 
 
-def check_frame(frame: str, field: str, map_frame: str) -> None:
-    """Raise `InvalidInputError` where poses come in another frame than that of the world."""
-    if frame not in ("", "map", map_frame):
-        raise InvalidInputError(field, frame, f"{map_frame!r} or empty")
+def poses_in_map(
+    header: Header, frames: FrameHistory, field: str
+) -> Callable[[PoseMsg], PoseStamped]:
+    """Return what turns the poses of one header into poses in the frame of the world.
+
+    Where the header's frame is, is looked up once: what is done with the first pose may move it.
+
+    Args:
+        header: Of all the poses.
+        frames: Where its frame is.
+        field: The header's name in errors.
+
+    Raises:
+        InvalidInputError: The frame is unknown; what is returned raises it for numbers that are
+            no pose.
+    """
+    if frames.is_map(header.frame_id):
+        return lambda pose: PoseStamped(header=header, pose=pose)
+    T_map_frame = frames.transform_to_map(header, field)
+
+    def place(pose: PoseMsg) -> PoseStamped:
+        T_frame_pose = pose_to_matrix(pose_from_msg(pose, "pose.pose"))
+        in_map = pose_from_matrix(T_map_frame @ T_frame_pose)
+        return pose_to_stamped_msg(in_map, Header(stamp=header.stamp))
+
+    return place
 
 
 def check_count(field: str, poses: Sequence[Any]) -> None:
@@ -146,19 +169,21 @@ def check_count(field: str, poses: Sequence[Any]) -> None:
 
 
 def poses_of_trajectory(
-    trajectory: MultiDOFJointTrajectory, points: str, map_frame: str
+    trajectory: MultiDOFJointTrajectory, points: str, frames: FrameHistory
 ) -> list[PoseStamped]:
-    """Return the rig's poses along a trajectory: the transforms of its first joint.
+    """Return the rig's poses along a trajectory, in the frame of the world.
+
+    They are the transforms of its first joint.
 
     Args:
-        trajectory: Of ``base_link``, in the frame of the world; times and velocities do not count.
+        trajectory: Of ``base_link``; times and velocities do not count.
         points: ``every`` or ``last``: which of its points.
-        map_frame: See `rig_pose`.
+        frames: See `rig_pose`.
 
     Raises:
         InvalidInputError: Wrong frame, no points, or a point without a transform.
     """
-    check_frame(trajectory.header.frame_id, "trajectory.header.frame_id", map_frame)
+    in_map = poses_in_map(trajectory.header, frames, "trajectory.header")
     check_count("trajectory.points", trajectory.points)
     if not trajectory.points:
         raise InvalidInputError("trajectory.points", [], "at least one point")
@@ -167,15 +192,15 @@ def poses_of_trajectory(
             field = f"trajectory.points[{index}].transforms"
             raise InvalidInputError(field, [], "one transform per joint, at least one")
     chosen = trajectory.points if points == "every" else trajectory.points[-1:]
-    return [_stamp(point.transforms[0], trajectory.header) for point in chosen]
+    return [in_map(_pose_of(point.transforms[0])) for point in chosen]
 
 
-def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
+def drive_request(goal: Drive.Goal, frames: FrameHistory) -> DriveRequest:
     """Return the drive that a goal asks for.
 
     Args:
         goal: Of the action ``~/drive``.
-        map_frame: See `rig_pose`.
+        frames: See `rig_pose`.
 
     Raises:
         InvalidInputError: Wrong frame, a point without a transform, or no JSON object.
@@ -184,7 +209,7 @@ def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
     trajectory = goal.trajectory
     if not trajectory.points:
         return DriveRequest(None, changes, list(goal.sensors))
-    stamped = poses_of_trajectory(trajectory, "every", map_frame)
+    stamped = poses_of_trajectory(trajectory, "every", frames)
     poses = [pose_from_msg(each.pose, f"trajectory.points[{i}]") for i, each in enumerate(stamped)]
     since_start = [point.time_from_start for point in trajectory.points]
     timed = TimedPoses(
@@ -195,10 +220,9 @@ def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
     return DriveRequest(timed, changes, list(goal.sensors))
 
 
-def _stamp(transform: Transform, header: Header) -> PoseStamped:
+def _pose_of(transform: Transform) -> PoseMsg:
     p = transform.translation
-    pose = PoseMsg(position=Point(x=p.x, y=p.y, z=p.z), orientation=transform.rotation)
-    return PoseStamped(header=header, pose=pose)
+    return PoseMsg(position=Point(x=p.x, y=p.y, z=p.z), orientation=transform.rotation)
 
 
 def metadata_of_module(module: str, metadata_json: str) -> ModuleMetadata:

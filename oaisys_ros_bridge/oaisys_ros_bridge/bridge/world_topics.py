@@ -21,6 +21,7 @@ from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.conversions import NS_PER_S, stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 from oaisys_ros_bridge.publishing.sample_publisher import (
     Publication,
     SamplePublisher,
@@ -125,6 +126,18 @@ class WorldTopics:
             yield DriveTopics(samples, stamps, begin_ns, start_ns)
         finally:
             stamps.end_drive()
+
+    @property
+    def frames(self) -> FrameHistory:
+        """Where the frames of the published transforms are.
+
+        Raises:
+            NotReadyError: There are no topics.
+        """
+        with self._lock:
+            if self._samples is None:
+                raise NotReadyError("the bridge is not configured yet")
+            return self._samples.rig.frames
 
     @property
     def has_clock(self) -> bool:

@@ -198,7 +198,7 @@ _REQUESTS = (
         InterfaceKind.SERVICE,
         "~/set_pose",
         "oaisys_msgs/srv/SetPose",
-        "Render from a pose of the rig or of a sensor in the map frame; answers after publishing.",
+        "Render from a pose of the rig or of a sensor, see Frames; answers after publishing.",
     ),
     Interface(
         InterfaceKind.SERVICE,

@@ -25,8 +25,9 @@ from tf2_msgs.msg import TFMessage
 from oaisys_core.geometry import invert, pose_to_matrix
 from oaisys_core.sensing.faults import PoseDrift, drift_covariance, odometry_covariance
 from oaisys_core.types import DriveInstant, Pose, SampleOutline, Twist
-from oaisys_ros_bridge.conversions import transform_to_msg
+from oaisys_ros_bridge.conversions import nanoseconds, transform_to_msg
 from oaisys_ros_bridge.motion import odometry_to_msg
+from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 from oaisys_ros_bridge.publishing.publishers import Publishers, has_subscribers
 from oaisys_ros_bridge.qos import MOTION_QOS
 
@@ -39,6 +40,9 @@ class RigTopics:
         map_frame: Frame of the world.
         base_frame: Frame of the rig.
         odom_frame: Frame of odometry that drifts.
+
+    Attributes:
+        frames: Where these frames, and those of sensors, have been.
     """
 
     def __init__(
@@ -48,6 +52,7 @@ class RigTopics:
         self._map_frame = map_frame
         self._base_frame = base_frame
         self._odom_frame = odom_frame
+        self.frames = FrameHistory(map_frame, base_frame, odom_frame)
         self._drift = PoseDrift()
         self._transforms: list[TransformStamped] = []
         self._tf = publishers.offer(TFMessage, "/tf", MOTION_QOS)
@@ -99,16 +104,19 @@ class RigTopics:
             tf_drifts: Whether the transforms lead to the estimate instead of the true pose.
         """
         in_map, in_odom = self._headers(stamp)
+        T_map_odom, T_map_base = np.eye(4), pose_to_matrix(true)
         if estimate is None:
-            self._transforms = [transform_to_msg(pose_to_matrix(true), in_map, self._base_frame)]
+            self._transforms = [transform_to_msg(T_map_base, in_map, self._base_frame)]
         else:
-            T_map_odom = np.eye(4)
-            if not tf_drifts:
+            if tf_drifts:
+                T_map_base = pose_to_matrix(estimate)
+            else:
                 T_map_odom = pose_to_matrix(true) @ invert(pose_to_matrix(estimate))
             self._transforms = [
                 transform_to_msg(T_map_odom, in_map, self._odom_frame),
                 transform_to_msg(pose_to_matrix(estimate), in_odom, self._base_frame),
             ]
+        self.frames.add(nanoseconds(stamp), T_map_odom, T_map_base)
         self._publishers.send(self._tf, TFMessage(transforms=self._transforms))
 
     def publish_odometry(

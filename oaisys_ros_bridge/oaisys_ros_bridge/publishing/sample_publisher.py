@@ -161,6 +161,7 @@ class SamplePublisher:
         mounts = [m for topics in self.sensors.values() for m in topics.mount(base_frame, stamp)]
         for others in (self.lidars, self.imus):
             mounts += [m for topics in others.values() for m in topics.mount(base_frame, stamp)]
+        self.rig.frames.set_mounts(mounts)
         publisher = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
         publisher.publish(TFMessage(transforms=mounts))
 

@@ -107,12 +107,12 @@ class EntityServices:
 
     def _put(self, entity: Entity, pose: PoseStamped) -> None:
         """Move an entity; render there now if the simulation plays, else at its next step."""
-        info, map_frame = self._simulation.info(), self._render_queue.map_frame
+        info, frames = self._simulation.info(), self._render_queue.frames
         try:
             if entity.thing is not None:
-                self._things.move(entity.thing, rig_pose(pose, "", info, map_frame))
+                self._things.move(entity.thing, rig_pose(pose, "", info, frames))
                 return
-            where = rig_pose(pose, entity.sensor, info, map_frame)
+            where = rig_pose(pose, entity.sensor, info, frames)
             if self._simulation.state in (PAUSED, STOPPED):
                 self._simulation.put_rig(where)
             else:
@@ -135,7 +135,7 @@ class EntityServices:
             info = self._simulation.info()
             spec = spec_of(resource, info.semantic_labels)
             name = self._name_for(request, stem_of(spec))
-            pose = rig_pose(request.initial_pose, "", info, self._render_queue.map_frame)
+            pose = rig_pose(request.initial_pose, "", info, self._render_queue.frames)
             thing = self._things.spawn(name, spec, pose)
         except UnsupportedFormatError as error:
             raise RefusedError(codes.UNSUPPORTED_FORMAT, str(error)) from error

@@ -259,7 +259,7 @@ REFUSED: list[tuple[Pose, dict[str, Any], str]] = [
     (Pose((500.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)), {}, "stage"),
     (Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)), {"sensor": "lidar"}, "one of camera"),
     (Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)), {"modalities": ["smell"]}, "depth, instance"),
-    (Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)), {"frame": "odom"}, "frame_id"),
+    (Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0)), {"frame": "elsewhere"}, "frame_id"),
 ]
 
 

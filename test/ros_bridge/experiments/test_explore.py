@@ -30,6 +30,7 @@ from oaisys_ros_bridge.experiments.explore.trajectory_client import poses_along,
 from oaisys_ros_bridge.experiments.options import seeds_of
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
+from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 
 WORLD = """
 seed: 4
@@ -196,7 +197,8 @@ def test_the_way_that_is_flown_ends_at_the_view_and_is_level():
     assert poses[-1] is last
     np.testing.assert_allclose([pose.position_m for pose in poses], way_m)
     message = trajectory_to_msg(poses, Header(frame_id="map"))
-    back = poses_of_trajectory(message, "every", "map")
+    frames = FrameHistory("map", "base_link", "odom")
+    back = poses_of_trajectory(message, "every", frames)
     np.testing.assert_allclose([pose_from_msg(p.pose).position_m for p in back], way_m)
     for pose, step_m in zip(poses, np.diff(way_m, axis=0), strict=False):
         forward = pose_to_matrix(pose)[:3, 0]
