@@ -11,6 +11,7 @@ from oaisys_core import randomness
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import NotReadyError
 from oaisys_core.procedural.environment.light import white_gains
+from oaisys_core.procedural.environment.radiometry import radiance_w_m2_sr
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.geometry_pass import PoseMemory, frame_of, frames_of
@@ -23,7 +24,8 @@ from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     ALBEDO,
-    COLORS,
+    RADIANCE,
+    RENDERED,
     RGB,
     FloatArray,
     Frame,
@@ -93,7 +95,7 @@ class AnalyticBackend(Backend):
             progress(Progress("rays", 0.5 * index / len(cameras)))
             view = surface.view(camera)
             geometry.extend(frames_of(surface, view, camera, self._memory).values())
-            if COLORS.intersection(camera.modalities):
+            if RENDERED.intersection(camera.modalities):
                 views[camera.name] = view
         if geometry:
             yield FrameGroup.of(geometry)
@@ -147,8 +149,12 @@ def _colors(
 ) -> tuple[Frame, ...]:
     """Return the frames of a view that show colours, and note the exposure of its picture."""
     frames = []
-    if RGB in camera.modalities:
-        radiance = shade(view, palette, surface)
+    lit = {RGB, RADIANCE}.intersection(camera.modalities)
+    radiance = shade(view, palette, surface) if lit else np.empty(0)
+    if RADIANCE in lit:
+        scaled = radiance_w_m2_sr(radiance, surface.scene.sky)
+        frames.append(frame_of(camera, RADIANCE, scaled))
+    if RGB in lit:
         if settings.white_balance == "illuminant":
             radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
         exposure_ev = settings.exposure_ev

@@ -24,13 +24,13 @@ from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import FrameGroup
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
 from oaisys_core.types import (
-    COLORS,
     DEPTH,
     DISPARITY,
     FLOW,
     INSTANCE,
     NORMAL,
     RANGE,
+    RENDERED,
     FloatArray,
     Frame,
     ModalitySpec,
@@ -78,7 +78,7 @@ def compute_extension_pass(
 
 def geometry_frames(surface: Surface, camera: PlacedCamera, memory: PoseMemory) -> dict[str, Frame]:
     """Cast rays and return a camera's frames except colour and albedo, by modality."""
-    if set(camera.modalities) <= COLORS:
+    if set(camera.modalities) <= RENDERED:
         return {}
     return frames_of(surface, surface.view(camera), camera, memory)
 
@@ -90,7 +90,7 @@ def frames_of(
     return {
         modality: frame_of(camera, modality, _image(surface, view, camera, memory, modality))
         for modality in camera.modalities
-        if modality not in COLORS
+        if modality not in RENDERED
     }
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import COLORS, FLOW, RGB, Frame, Provenance
+from oaisys_core.types import FLOW, RENDERED, RGB, Frame, Provenance
 
 _LOG = logging.getLogger(__name__)
 
@@ -124,7 +124,7 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
     if FLOW in modalities:
         return False
     noisy = RGB in modalities and settings.effects.noise is not None
-    hurried = settings.time_budget_s is not None and not modalities.isdisjoint(COLORS)
+    hurried = settings.time_budget_s is not None and not modalities.isdisjoint(RENDERED)
     return not noisy and not hurried
 
 

@@ -143,6 +143,7 @@ class Sky:
             that hit nothing. None uses those of the ground's material and of the sky.
         dips: Whether the ground ends at a horizon that lies lower the higher one looks from, so
             that the sky reaches below the horizontal.
+        unit_w_m2: Irradiance in red, green and blue of one scene unit, for radiance images.
     """
 
     sun_elevation_rad: float
@@ -164,6 +165,7 @@ class Sky:
     has_plain: bool = False
     ground_semantic_ids: tuple[int, ...] | None = None
     dips: bool = False
+    unit_w_m2: Color = (1.0, 1.0, 1.0)
 
     @property
     def shows_plain(self) -> bool:

@@ -129,6 +129,7 @@ class TerrainMaterial:
         land: Weights of the layers on the land around the extent; None if there is no land.
         wet_bank_m: Heights up to which the stage is wet and from which it is dry; None without
             water.
+        is_lambertian: Whether the ground reflects by Lambert's law, whatever its roughness.
     """
 
     layers: tuple[TerrainLayer, ...]
@@ -140,6 +141,7 @@ class TerrainMaterial:
     macro: MacroVariation | None = None
     land: LandMasks | None = None
     wet_bank_m: tuple[float, float] | None = None
+    is_lambertian: bool = False
 
     def weights_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N, L) bilinearly interpolated weights at (N, 2) points.

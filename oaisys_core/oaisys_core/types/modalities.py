@@ -29,7 +29,12 @@ ALBEDO = "albedo"
 
 DISPARITY = "disparity"
 
+RADIANCE = "radiance"
+
 COLORS = frozenset({RGB, ALBEDO})
+"""Modalities that are pictures of 8 bits."""
+
+RENDERED = COLORS | {RADIANCE}
 """Modalities that are rendered; all others are cast, and depend neither on light nor on quality."""
 
 
@@ -41,7 +46,7 @@ def is_rendered(modality: str, quality: str, passes: Collection[str] | None) -> 
         quality: ``render.quality``; ``geometry`` has no colour.
         passes: ``render.passes``; None for all.
     """
-    is_left_out = quality == "geometry" and modality in COLORS
+    is_left_out = quality == "geometry" and modality in RENDERED
     return not is_left_out and (passes is None or modality in passes)
 
 
@@ -65,6 +70,7 @@ _MODALITIES: Mapping[str, ModalitySpec] = {
     FLOW: ModalitySpec(np.dtype(np.float32), 2),
     ALBEDO: ModalitySpec(np.dtype(np.uint8), 3),
     DISPARITY: ModalitySpec(np.dtype(np.float32), 1),
+    RADIANCE: ModalitySpec(np.dtype(np.float32), 3),
 }
 
 _SEMANTIC = ModalitySpec(np.dtype(np.uint16), 1)
@@ -81,6 +87,8 @@ def modality_spec(modality: str) -> ModalitySpec:
     * ``flow``: motion (du, dv) in pixels since the sensor's previous sample of the surface that a
       pixel shows; NaN where it was not in front of the camera or where a lens's distortion does
       not hold (twice as far from the axis as the corners, or folded), or without a previous sample.
+    * ``radiance``: W/(m² sr) in the bands red, green and blue, linear and never clipped; see
+      `oaisys_core.procedural.environment.radiometry`.
     * ``disparity``: distance in pixels between the images of a stereo pair; 0 where nothing is hit.
 
     Raises:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.types.arrays import FloatArray, ShortRepr
 from oaisys_core.types.cameras import PinholeIntrinsics
-from oaisys_core.types.modalities import COLORS
+from oaisys_core.types.modalities import RENDERED
 from oaisys_core.types.poses import Odometry, Pose
 from oaisys_core.types.scans import LidarScan
 
@@ -78,7 +78,7 @@ class Frame(ShortRepr):
 
 def early_first(frames: Iterable[Frame]) -> tuple[Frame, ...]:
     """Return frames in the order in which they are sent: depth and labels before colour."""
-    return tuple(sorted(frames, key=lambda frame: frame.modality in COLORS))
+    return tuple(sorted(frames, key=lambda frame: frame.modality in RENDERED))
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from oaisys_core.types import (
     COLORS,
     FLOW,
     POINTS,
+    RENDERED,
+    FloatArray,
     Frame,
     FrameName,
     LidarScan,
@@ -27,6 +29,9 @@ from oaisys_core.types import (
 
 RECORDS = "oaisys.records"
 """Entry point group of functions ``(Path) -> RecordSource | None``; None for other files."""
+
+WHITE_PER_MEAN = 4.0
+"""Radiance, in units of its mean, that differences are compared with; more counts as much."""
 
 SampleId = tuple[int, int]
 """Batch and sample."""
@@ -187,12 +192,18 @@ def _compare(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
         return Comparison(name, pixels, pixels, None, False)
     a, b = (np.ascontiguousarray(f.data).view(np.uint8).reshape(pixels, -1) for f in (old, new))
     different_px = int((a != b).any(axis=1).sum())
-    if old.modality in COLORS:  # equal within a tolerance, because of the denoiser
-        error = np.mean((a.astype(np.float64) - b) ** 2)
-        psnr_db = float("inf") if error == 0 else float(10 * np.log10(255**2 / error))
+    if old.modality in RENDERED:  # equal within a tolerance, because of the denoiser
+        first, second = _values(old), _values(new)
+        white = 255 if old.modality in COLORS else WHITE_PER_MEAN * float(first.mean())
+        error = np.mean((np.minimum(first, white) - np.minimum(second, white)) ** 2)
+        psnr_db = float("inf") if error == 0 else float(10 * np.log10(white**2 / error))
         return Comparison(name, pixels, different_px, psnr_db, psnr_db >= least_psnr_db)
     is_equal = different_px == 0 or old.modality == FLOW
     return Comparison(name, pixels, different_px, None, is_equal)
+
+
+def _values(frame: Frame) -> FloatArray:
+    return frame.data.astype(np.float64)
 
 
 def compare_scan(old: LidarScan, new: LidarScan) -> Comparison:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.types import ALBEDO, COLORS, DEPTH, INSTANCE, NORMAL, RGB, SEMANTIC_0
+from oaisys_core.color import encode_srgb
+from oaisys_core.types import ALBEDO, COLORS, DEPTH, INSTANCE, NORMAL, RADIANCE, RGB, SEMANTIC_0
 
 if TYPE_CHECKING:
     from oaisys_dataset.reader import DatasetSample
@@ -21,7 +22,7 @@ GOLDEN = 0.618034
 """Share of the circle of hues between ids that follow each other, so that they differ clearly."""
 
 UNLABELLED = (32, 32, 32)
-SHOWN = (RGB, ALBEDO, DEPTH, SEMANTIC_0, INSTANCE, NORMAL)
+SHOWN = (RGB, RADIANCE, ALBEDO, DEPTH, SEMANTIC_0, INSTANCE, NORMAL)
 """Modalities in the order in which they are shown below each other."""
 
 MAX_ROWS = 3
@@ -76,6 +77,9 @@ def _picture(modality: str, image: NDArray[Any]) -> NDArray[np.uint8]:
         return _depth_picture(image)
     if modality == NORMAL:
         return np.asarray(np.rint((image + 1) * 127.5), np.uint8)
+    if modality == RADIANCE:
+        white = max(4 * float(image.mean()), 1e-12)
+        return encode_srgb(np.clip(image / white, 0, 1))
     ids, places = np.unique(image, return_inverse=True)
     colors = np.array([label_color(int(i)) for i in ids], np.uint8)
     return np.asarray(colors[places.reshape(image.shape)])

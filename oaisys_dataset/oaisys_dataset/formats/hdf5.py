@@ -22,6 +22,7 @@ from oaisys_core.types import (
     FLOW,
     INSTANCE,
     NORMAL,
+    RADIANCE,
     RANGE,
     RGB,
     point_dtype,
@@ -54,6 +55,7 @@ UNITS = {
     FLOW: "px",
     DISPARITY: "px",
     INSTANCE: "id",
+    RADIANCE: "W/(m2 sr)",
 }
 MEANING = {
     DEPTH: "planar z at the pixel's centre; +inf: nothing was hit",
@@ -61,6 +63,7 @@ MEANING = {
     NORMAL: "unit normal (x, y, z) in the camera's frame, towards the camera; 0: nothing was hit",
     FLOW: "motion (du, dv) since the sensor's previous view; NaN: not known",
     DISPARITY: "distance between the images of a stereo pair; 0: nothing was hit",
+    RADIANCE: "in the bands 600 to 700, 500 to 600 and 400 to 500 nm; linear, never clipped",
     INSTANCE: "object id, 0: no object; names in /legend/instances",
 }
 CAMERA = {

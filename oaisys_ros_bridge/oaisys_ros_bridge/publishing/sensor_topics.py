@@ -24,6 +24,7 @@ from oaisys_core.types import (
     FLOW,
     INSTANCE,
     NORMAL,
+    RADIANCE,
     RANGE,
     RGB,
     Frame,
@@ -61,6 +62,7 @@ ENCODING_BY_MODALITY = {
     FLOW: "32FC2",
     ALBEDO: "rgb8",
     DISPARITY: "32FC1",
+    RADIANCE: "32FC3",
 }
 
 COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"

@@ -14,7 +14,7 @@ from oaisys_core.render.blender import BlenderBackend, cycles
 from oaisys_core.render.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.scene import PlacedCamera, Scene, Sky
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import RGB, Progress
+from oaisys_core.types import RADIANCE, RGB, Progress
 from tools.bench.cycles_passes import FILTER_WIDTH_PX
 
 
@@ -62,4 +62,18 @@ def metered_pictures(
         backend.update(replace(scene, sky=sky))
         (frame,) = backend.render_all([replace(camera, modalities=(RGB,))], wanted, ignore)
         found.append((frame.data, backend.exposures_ev[camera.name]))
+    return found
+
+
+def radiances(
+    scenes: Sequence[Scene], camera: PlacedCamera, samples: int
+) -> list[NDArray[np.float32]]:
+    """Radiance images of one view in each of several worlds."""
+    backend = BlenderBackend()
+    found = []
+    for scene in scenes:
+        backend.build(scene, ignore)
+        view = replace(camera, modalities=(RADIANCE,))
+        (frame,) = backend.render_all([view], settings(samples), ignore)
+        found.append(frame.data)
     return found

@@ -15,6 +15,7 @@ from oaisys_core.config.section import (
     LabelConfig,
     Labelled,
     NotNegative,
+    Positive,
     Range,
     Section,
     SemanticId,
@@ -207,6 +208,8 @@ class EnvironmentConfig(Section):
         ground_beyond_label: Label of the ground beyond the stage and, where that is not land, of
             pixels below the horizon that hit nothing. None uses that of the ground's material,
             mirrored at the edges of the stage, and that of the sky.
+        unit_w_m2: Irradiance in red, green and blue of one scene unit, by which ``radiance`` images
+            are scaled. None: such that a sun of 4 is as bright as it is above the body's air.
         effects: Effects of other packages, applied in this order.
         redraw: Whether values are drawn once per batch, or again for samples.
         step_interval: Samples between draws, with ``redraw: sample``.
@@ -234,6 +237,7 @@ class EnvironmentConfig(Section):
     sky_levels: tuple[LabelConfig, ...] = Field(default=(), max_length=MAX_LEVELS - 1)
     ground_beyond: bool = True
     ground_beyond_label: Labelled | None = None
+    unit_w_m2: tuple[Positive, Positive, Positive] | None = None
     effects: tuple[EffectConfig, ...] = ()
     redraw: Literal["batch", "sample"] = "batch"
     step_interval: int = Field(default=1, ge=1)

@@ -259,6 +259,9 @@ class MaterialsConfig(Section):
             also displace the vertices of the ground, as far as its resolution allows.
         projection: ``top`` projects textures from above, ``sides`` from the side on steep slopes,
             ``auto`` like ``sides`` if the ground has steep parts.
+        reflectance: With ``rough`` the blender backend's ground reflects as a surface of the
+            textures' roughness (Oren-Nayar), which is brighter towards the light than by Lambert's
+            law, and has a film of water or ice where it is smooth; with ``lambert`` by that law.
         variation: Slow change of colour.
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
@@ -278,6 +281,7 @@ class MaterialsConfig(Section):
     label_cell_m: float = Field(default=0.02, ge=0.001)
     displacement: Literal["bump", "geometry"] = "bump"
     projection: Literal["auto", "top", "sides"] = "auto"
+    reflectance: Literal["rough", "lambert"] = "rough"
     variation: VariationConfig = VariationConfig()
     macro_variation: Share = 0.5
     texture_size_px: int = Field(default=1024, ge=16, le=8192)

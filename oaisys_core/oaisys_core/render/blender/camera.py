@@ -15,7 +15,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_OPTICAL_BLENDER, pixel_rays
-from oaisys_core.render.blender.fisheye import fisheye_image, fisheye_to_render, set_fisheye
+from oaisys_core.render.blender.fisheye import Pixel, fisheye_image, fisheye_to_render, set_fisheye
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
@@ -278,12 +278,23 @@ def scale_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsics
 
 
 def camera_image(
-    image: NDArray[np.uint8], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
-) -> NDArray[np.uint8]:
-    """Return a camera's image of one that its `pinhole_to_render` sees, which may be smaller."""
+    image: NDArray[Pixel], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
+) -> NDArray[Pixel]:
+    """Return a camera's image of one that its `pinhole_to_render` sees, which may be smaller.
+
+    It is of bytes, or of floats that are not negative.
+    """
+    found = _resampled(image, pinhole, intrinsics)
+    # Cubic interpolation may fall below 0.
+    return found if found.dtype == np.uint8 else np.maximum(found, 0)
+
+
+def _resampled(
+    image: NDArray[Pixel], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
+) -> NDArray[Pixel]:
     size = pinhole.width_px, pinhole.height_px
     if image.shape[1::-1] != size:
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC))
     if intrinsics.is_fisheye:
         return fisheye_image(image, pinhole, intrinsics)
     if pinhole is intrinsics:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.errors import RenderError
 from oaisys_core.procedural.environment.light import white_gains
+from oaisys_core.procedural.environment.radiometry import radiance_w_m2_sr
 from oaisys_core.render.blender.camera import (
     camera_image,
     moving,
@@ -41,19 +43,19 @@ from oaisys_core.render.geometry_pass import BackgroundGeometry
 from oaisys_core.scene import Lens, PlacedCamera, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import PinholeIntrinsics
+from oaisys_core.types import ALBEDO, RADIANCE, RGB, PinholeIntrinsics
 
 
 class ColorImages(NamedTuple):
     """What was rendered of a camera's colour.
 
     Attributes:
-        images: (H, W, 3) sRGB bytes of colour, and of albedo if it was asked for.
+        images: (H, W, 3) images by modality: sRGB bytes, and float32 radiance in W/(m² sr).
         samples_per_pixel: How many samples colour has.
         exposure_ev: Exposure of colour, in stops.
     """
 
-    images: list[NDArray[np.uint8]]
+    images: dict[str, NDArray[np.generic]]
     samples_per_pixel: int
     exposure_ev: float
 
@@ -85,7 +87,7 @@ class ColorRenderer:
         settings: RenderSettings,
         seconds: float,
         *,
-        with_albedo: bool,
+        modalities: Collection[str],
         geometry: BackgroundGeometry | None,
         places: Future[GroundPlaces],
         ground: Future[PixelAlbedo | None] | None,
@@ -97,7 +99,7 @@ class ColorRenderer:
             camera: The camera.
             settings: How to render.
             seconds: How long it may take.
-            with_albedo: Whether its albedo is wanted, too, from the same render.
+            modalities: What is wanted of it, all from the same render.
             geometry: What another thread computes meanwhile.
             places: Where the camera sees ground that reflects light.
             ground: The ground's albedo without noise, where colour becomes better by it.
@@ -127,11 +129,16 @@ class ColorRenderer:
         gains = white_gains(scene.sky, scene.lamps) if is_balanced else None
         picture = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo, gains)
         self._learn(rendered, light, started_s, denoising, geometry)
-        image = camera_image(picture.pixels, pinhole, camera.intrinsics)
-        rng = randomness.stream(settings.noise_seed, camera.name)
-        images = [with_effects(image, settings.effects, camera.intrinsics, rng)]
-        if with_albedo:
-            images.append(camera_image(albedo_of(light), pinhole, camera.intrinsics))
+        images: dict[str, NDArray[np.generic]] = {}
+        if RGB in modalities:
+            image = camera_image(picture.pixels, pinhole, camera.intrinsics)
+            rng = randomness.stream(settings.noise_seed, camera.name)
+            images[RGB] = with_effects(image, settings.effects, camera.intrinsics, rng)
+        if RADIANCE in modalities:
+            seen = camera_image(picture.radiance, pinhole, camera.intrinsics)
+            images[RADIANCE] = radiance_w_m2_sr(seen, scene.sky)
+        if ALBEDO in modalities:
+            images[ALBEDO] = camera_image(albedo_of(light), pinhole, camera.intrinsics)
         return ColorImages(images, light.samples_per_pixel(settings), picture.exposure_ev)
 
     def albedo(

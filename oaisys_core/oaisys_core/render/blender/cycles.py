@@ -134,10 +134,9 @@ class Cycles:
             RenderError: The passes are missing, or denoising failed.
         """
         radiance = denoise_image(rendered, settings, self._denoiser(), denoising, ground)
-        if gains is not None:
-            radiance = radiance[..., :3] * np.array(gains, np.float32)
+        shown = radiance if gains is None else radiance[..., :3] * np.array(gains, np.float32)
         is_surface = pass_of(rendered, DEPTH)[..., 0] < BACKGROUND_M
-        picture = picture_of(radiance, is_surface, settings)
+        picture = picture_of(shown, is_surface, settings)._replace(radiance=radiance[..., :3])
         self._last_exposure_ev = picture.exposure_ev
         return picture
 

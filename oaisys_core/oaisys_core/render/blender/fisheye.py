@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 from math import ceil
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import fisheye_angle_rad
 from oaisys_core.types import FloatArray, PinholeIntrinsics
+
+Pixel = TypeVar("Pixel", np.uint8, np.float32)
 
 FIELD_OF_VIEW_RAD = 2 * np.pi
 """Cycles renders nothing beyond half of it off the axis."""
@@ -100,8 +102,8 @@ def _most_radius(intrinsics: PinholeIntrinsics) -> float:
 
 
 def fisheye_image(
-    image: NDArray[np.uint8], rendered: PinholeIntrinsics, intrinsics: PinholeIntrinsics
-) -> NDArray[np.uint8]:
+    image: NDArray[Pixel], rendered: PinholeIntrinsics, intrinsics: PinholeIntrinsics
+) -> NDArray[Pixel]:
     """Return a camera's image of one that its `fisheye_to_render` sees."""
     source = _source_pixels(rendered, intrinsics)
     if source is None:

@@ -34,7 +34,8 @@ from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     ALBEDO,
-    COLORS,
+    RADIANCE,
+    RENDERED,
     RGB,
     FloatArray,
     Frame,
@@ -51,6 +52,10 @@ NOISY_SAMPLES = 2, 4
 With fewer samples, the noise of the light hides the gain. With more, the albedo that Cycles renders
 has less noise than `GroundAlbedo` has errors.
 """
+
+
+LIT = frozenset({RGB, RADIANCE})
+"""Modalities that light changes; they come from one render."""
 
 
 class BlenderBackend(Backend):
@@ -131,9 +136,9 @@ class BlenderBackend(Backend):
         self.samples_per_pixel = None
         self.exposures_ev = {}
         for camera in cameras:
-            if COLORS.intersection(camera.modalities):
+            if RENDERED.intersection(camera.modalities):
                 check_precision(surface, camera)
-        if any(COLORS.intersection(camera.modalities) for camera in cameras):
+        if any(RENDERED.intersection(camera.modalities) for camera in cameras):
             yield from self._with_colors(cameras, settings, progress)
         elif frames := self._geometry(cameras, progress):
             yield FrameGroup.of(frames)
@@ -186,25 +191,25 @@ class BlenderBackend(Backend):
             ground = {
                 camera.name: geometry.then(partial(self._ground_albedo, camera, views))
                 for camera, modalities, chosen in colors
-                if RGB in modalities and self._has_use_of_albedo(camera, chosen)
+                if LIT.intersection(modalities) and self._has_use_of_albedo(camera, chosen)
             }
             check = self._colors.ground_check
             places = {
                 camera.name: geometry.then(partial(check.places, self._require_built(), camera))
                 for camera, _, _ in colors
             }
-            if any(set(camera.modalities) - COLORS for camera in cameras):
+            if any(set(camera.modalities) - RENDERED for camera in cameras):
                 yield geometry.group
             for index, (camera, modalities, chosen) in enumerate(colors):
                 progress(Progress("color", index / len(colors)))
                 left_s = (ends_s - time.perf_counter()) / (len(colors) - index)
-                if RGB in modalities:
+                if LIT.intersection(modalities):
                     found = self._colors.color(
                         scene,
                         camera,
                         chosen,
                         left_s,
-                        with_albedo=ALBEDO in modalities,
+                        modalities=modalities,
                         geometry=None if index else geometry,
                         places=places[camera.name],
                         ground=ground.get(camera.name),
@@ -213,11 +218,9 @@ class BlenderBackend(Backend):
                     images = found.images
                 else:
                     seen = places[camera.name]
-                    images = [self._colors.albedo(scene, camera, chosen, left_s, seen)]
+                    images = {ALBEDO: self._colors.albedo(scene, camera, chosen, left_s, seen)}
                 geometry.group.result()
-                yield FrameGroup.of(
-                    [frame_of(camera, *each) for each in zip(modalities, images, strict=True)]
-                )
+                yield FrameGroup.of([frame_of(camera, *each) for each in images.items()])
 
     def _color_renders(
         self, camera: PlacedCamera, settings: RenderSettings
@@ -226,7 +229,7 @@ class BlenderBackend(Backend):
 
         Albedo comes with colour where nothing blurs this or veils it, and time is not short.
         """
-        wanted = tuple(each for each in (RGB, ALBEDO) if each in camera.modalities)
+        wanted = tuple(each for each in (RGB, RADIANCE, ALBEDO) if each in camera.modalities)
         if not wanted:
             return []
         surface = self._require_built()
@@ -235,7 +238,8 @@ class BlenderBackend(Backend):
         is_clear = _is_sharp(camera) and surface.scene.sky.haze is None
         if is_clear and settings.time_budget_s is None:
             return [(camera, wanted, chosen)]
-        return [(camera, (each,), chosen) for each in wanted]
+        lit = tuple(each for each in wanted if each in LIT)
+        return [(camera, each, chosen) for each in (lit, wanted[len(lit) :]) if each]
 
     def _geometry(
         self,
@@ -251,7 +255,7 @@ class BlenderBackend(Backend):
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
-            if set(camera.modalities) <= COLORS:
+            if set(camera.modalities) <= RENDERED:
                 continue
             view = surface.view(camera)
             frames.extend(frames_of(surface, view, camera, self._memory).values())

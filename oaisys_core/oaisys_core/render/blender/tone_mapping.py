@@ -39,10 +39,13 @@ class ExposedImage(NamedTuple):
     Attributes:
         pixels: (H, W, 3) uint8, as the view transform encodes it.
         exposure_ev: Its exposure in stops, fixed or metered.
+        radiance: (H, W, 3) float32 of what is seen, in scene units, before exposure and white
+            balance.
     """
 
     pixels: NDArray[np.uint8]
     exposure_ev: float
+    radiance: NDArray[np.float32]
 
 
 def picture_of(
@@ -58,7 +61,7 @@ def picture_of(
         meter = settings.auto_exposure
         exposure_ev = meter_ev(radiance, is_surface, meter, white, BASE_EXPOSURE_EV)
     pixels = to_pixels(radiance, settings.view_transform, BASE_EXPOSURE_EV + exposure_ev)
-    return ExposedImage(pixels, exposure_ev)
+    return ExposedImage(pixels, exposure_ev, radiance)
 
 
 def to_pixels(

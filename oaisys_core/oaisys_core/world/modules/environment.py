@@ -25,6 +25,7 @@ from oaisys_core.procedural.environment.dust import shares_under_dust
 from oaisys_core.procedural.environment.effects import load_effects
 from oaisys_core.procedural.environment.hdri import SkyImages, images_of
 from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
+from oaisys_core.procedural.environment.radiometry import unit_w_m2
 from oaisys_core.procedural.environment.sun import azimuth_in_map, sun_position
 from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
 from oaisys_core.world.module import Metadata, SectionModule, World, override
@@ -122,7 +123,9 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             raise InvalidInputError("environment.sun_from_time", "a time", expected)
         self.changes_by_itself = section.redraw == "sample" or bool(sun and sun.s_per_sample)
         draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
-        sky = replace(self._sky(section, draws, world.sample_id), dips=world.is_in_land)
+        unit = section.unit_w_m2 or unit_w_m2(world.surroundings.body_radius_m)
+        sky = self._sky(section, draws, world.sample_id)
+        sky = replace(sky, dips=world.is_in_land, unit_w_m2=unit)
         for index, effect in enumerate(load_effects(section.effects)):
             sky = effect.apply(sky, draws.rng(f"effects.{index}"))
         world.sky = sky

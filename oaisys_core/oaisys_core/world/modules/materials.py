@@ -126,6 +126,7 @@ class MaterialsModule(Module):
             wet_bank_m=None
             if world.water is None
             else (world.water.level_m, world.water.level_m + world.water.wet_bank_m),
+            is_lambertian=config.reflectance == "lambert",
         )
         if config.displacement == "geometry":
             _displace(world, material, layers)

@@ -77,7 +77,10 @@ class GroundMaterials:
         tables = MaterialTables(
             macro=None if material.macro is None else _macro_image(material.macro),
             tilings={},
-            glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
+            glossy={
+                id(layer.maps): is_glossy(layer.maps) and not material.is_lambertian
+                for layer in material.layers
+            },
             varies=varies(material),
         )
         self._bounds_m = footprints_m(material)
@@ -125,6 +128,8 @@ class GroundMaterials:
         if has_mean:
             layers = self._material.layers
             roughness = float(np.mean([each.maps.roughness.mean() for each in layers])) / 255
+            if self._material.is_lambertian:
+                roughness = 0.0
             inputs: dict[str | int, Any] = {
                 "Color": self._mean_color(tree),
                 "Roughness": roughness,

@@ -162,6 +162,8 @@ class LayerNodes:
         """Return the surface of a layer of a colour."""
         tree, maps = self._tree, self._level.material.layers[index].maps
         detail, roughness = self._detail_and_roughness(index)
+        if self._level.material.is_lambertian:
+            roughness = 0.0
         # Diffuse shaders normalise it.
         normal = tree.vector("ADD", self._normal, self._slope(detail, self._plane))
         surface, _ = diffuse(tree, color, roughness, normal)
