@@ -168,8 +168,9 @@ def intrinsics_to_msg(
 ) -> CameraInfo:
     """Return the camera info of a camera; inverse: `intrinsics_from_msg`.
 
-    P projects to the rectified image, which has the same K. For the right camera of a stereo pair,
-    ``baseline_m`` from the left one, P projects from the left camera's frame (REP-104).
+    P projects to the rectified image, which has the same K, from the frame that ``header`` names.
+    With a ``baseline_m`` that is the frame of the left camera of a stereo pair, whose right camera
+    this is (``CameraInfo.msg``); without one it is the camera's own.
     """
     check_type(intrinsics, PinholeIntrinsics, "intrinsics")
     K = intrinsics.K

@@ -24,7 +24,12 @@ from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
-from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, image_topic, sensor_namespace
+from oaisys_ros_bridge.publishing.sensor_topics import (
+    SensorTopics,
+    image_topic,
+    left_camera,
+    sensor_namespace,
+)
 from oaisys_ros_bridge.qos import CLOCK_QOS, LATCHED_QOS
 
 FOLDER = "bag"
@@ -61,7 +66,16 @@ class DriveBag:
                 for each in sensors
             }
 
-        self._cameras: dict[str, SensorTopics] = topics_of(SensorTopics, info.sensors, "camera")
+        self._cameras = {
+            each.name: SensorTopics(
+                publishers,
+                each,
+                sensor_namespace(each.name, info.sensors),
+                prefix,
+                left_camera(each, info.sensors),  # the bridge's default
+            )
+            for each in info.sensors
+        }
         self._lidars: dict[str, LidarTopics] = topics_of(LidarTopics, info.lidars, "lidar")
         self._imus: dict[str, ImuTopics] = topics_of(ImuTopics, info.imus, "imu")
         self._clock = publishers.offer(Clock, CLOCK, CLOCK_QOS)

@@ -153,6 +153,15 @@ _FRAMES = (
         expects="such as robot1/, without a slash in front, or empty",
         changeable=Changeable.UNCONFIGURED,
     ),
+    ParameterRow(
+        "stereo.right_frame",
+        "left",
+        "Frame of the images and camera_info of a stereo pair's right camera: left is the left "
+        "camera's optical frame, with P[3] = -fx baseline, as stereo_image_proc expects; own is "
+        "its own, with P[3] = 0. Depth, range and clouds are always in its own.",
+        choices=("left", "own"),
+        changeable=Changeable.UNCONFIGURED,
+    ),
 )
 
 _CLOCK = (

@@ -4,6 +4,10 @@ Encodings: colour and albedo ``rgb8``; depth and range ``32FC1``, metres; labels
 ``32SC1``; normals ``32FC3``, unit vectors x, y, z in the optical frame, 0 where nothing was hit;
 flow ``32FC2`` and disparity ``32FC1``, pixels; the images of installed passes by their own pixels'
 type, such as ``8UC1``.
+
+P of a ``camera_info`` projects from the frame that it names. For the right camera of a stereo pair
+that can be the left one's (``CameraInfo.msg``). Images of distances stay in the camera's own frame:
+what reads them (depth_image_proc, our mapper) makes points with K, which are in the named frame.
 """
 
 from __future__ import annotations
@@ -11,12 +15,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 
-from oaisys_core.geometry import T_LINK_OPTICAL, invert
+from oaisys_core.geometry import T_LINK_OPTICAL, invert, transform
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
@@ -65,6 +70,9 @@ ENCODING_BY_MODALITY = {
     RADIANCE: "32FC3",
 }
 
+DISTANCES = (DEPTH, RANGE)
+"""Modalities whose pixels are distances from the camera."""
+
 COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
 """Names of the compressed variants in image_transport."""
 
@@ -72,6 +80,18 @@ COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
 def sensor_namespace(sensor: str, sensors: Sequence[object], only: str = "camera") -> str:
     """Return the prefix of a sensor's topics and frames: ``only`` for the only one of its kind."""
     return sensor if len(sensors) > 1 else only
+
+
+def left_camera(sensor: SensorInfo, sensors: Sequence[SensorInfo]) -> str:
+    """Return the name of the left camera of the stereo pair whose right one this is, or nothing."""
+    if not sensor.stereo_baseline_m:
+        return ""
+    to_left = transform(np.eye(3), (-sensor.stereo_baseline_m, 0.0, 0.0))
+    T_base_left = sensor.T_base_camera @ to_left
+    there = [s.name for s in sensors if np.allclose(s.T_base_camera, T_base_left, atol=1e-9)]
+    # Another camera may have been put into the same place.
+    by_name = f"{sensor.name.removesuffix('_right')}_left"
+    return by_name if by_name in there else next(iter(there), "")
 
 
 def image_topic(namespace: str, modality: str, name: str) -> str:
@@ -108,16 +128,25 @@ class SensorTopics:
         sensor: The camera.
         namespace: Prefix of its topics.
         frame_prefix: Prefix of its frames' names, before the namespace.
+        left: Namespace of the left camera in whose frame images are, except those of distances;
+            empty: all are in the camera's own frame.
     """
 
     def __init__(
-        self, publishers: Publishers, sensor: SensorInfo, namespace: str, frame_prefix: str
+        self,
+        publishers: Publishers,
+        sensor: SensorInfo,
+        namespace: str,
+        frame_prefix: str,
+        left: str = "",
     ) -> None:
         self._publishers = publishers
         self._sensor = sensor
         self._namespace = namespace
         self._link_frame = f"{frame_prefix}{namespace}_link"
         self._optical_frame = f"{frame_prefix}{namespace}_optical_frame"
+        self._is_in_left = bool(left)
+        self._image_frame = f"{frame_prefix}{left or namespace}_optical_frame"
         for modality in sensor.modalities:  # before the first sample, so that subscribers find them
             self._image(modality)
             self._camera_info(modality)
@@ -152,10 +181,11 @@ class SensorTopics:
             stamp: Of its sample.
             values: Of the bridge's parameters.
         """
-        header = self._header(stamp)
+        is_own = frame.modality in DISTANCES or not self._is_in_left
+        header = Header(stamp=stamp, frame_id=self._optical_frame if is_own else self._image_frame)
         camera_info = self._camera_info(frame.modality)
         if has_subscribers(camera_info):
-            baseline_m = self._sensor.stereo_baseline_m
+            baseline_m = 0.0 if is_own else self._sensor.stereo_baseline_m
             message = intrinsics_to_msg(frame.intrinsics, header, baseline_m)
             self._publishers.send(camera_info, message)
         image = self._image(frame.modality)

@@ -94,7 +94,7 @@ def test_a_sweep_renders_every_pose_and_tells_how_far_it_is(stage: Stage) -> Non
 
     status, result = sweeper.result(sweeper.begin([down(4)], frame="elsewhere"))
     assert (status, list(result.sample_ids)) == (GoalStatus.STATUS_ABORTED, [])
-    assert "poses.header.frame_id: received 'odom'" in result.message
+    assert "poses.header.frame_id: received 'elsewhere'" in result.message
     status, result = sweeper.result(sweeper.begin([Pose((0, 0, math.nan), (0, 0, 0, 1))]))
     assert status == GoalStatus.STATUS_ABORTED
     assert "poses.poses[0]: pose.pose.position" in result.message

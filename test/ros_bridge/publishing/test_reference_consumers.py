@@ -176,7 +176,31 @@ def test_reference_consumers_see_what_we_publish(stage: Stage) -> None:
             check_cameras(sample, name)
             check_cloud(sample, name)
             check_normals(sample, name)
+            if name != "bent":  # P is of rectified images
+                check_projection(user, answer.stamp, sample, name)
         check_pair(user, answer.stamp, sample)
+
+
+def test_a_right_camera_can_have_its_own_frame(stage: Stage) -> None:
+    """With `stereo.right_frame`: every image of both cameras, and disparities' consumers."""
+    user = stage.user
+    pair = {**PAIR, "modalities": ["rgb", "depth", "disparity"]}
+    kinds = ("color", "depth", "disparity")
+    server = stage.start_world({**WORLD, "sensors": {"stereo": [pair]}})
+    heard = [f"{name}/{kind}" for name in ("pair_left", "pair_right") for kind in kinds]
+    for each in heard:
+        user.listen(CameraInfo, f"{each}/camera_info", SENSOR_QOS)
+        user.listen(Image, f"{each}/image_raw", SENSOR_QOS)
+    options = ("-p", f"address:={server.address}", "-p", "stereo.right_frame:=own")
+    stage.start_node("bridge", "--ros-args", *options)
+    user.wait_until_ready()
+    assert user.set_pose(pose_looking_at((-4.0, 3.0, 4.0), (1.0, -0.5, 1.2))).success
+    for each in heard:
+        topics_of = (f"{each}/camera_info", f"{each}/image_raw")
+        info, image = (user.wait_until(lambda t=t: user.received[t])[0] for t in topics_of)
+        assert info.header == image.header
+        assert info.header.frame_id == f"{each.partition('/')[0]}_optical_frame"
+        assert info.p[3] == 0.0
 
 
 def check_transforms(user: User, stamp: Any, name: str, pose: Pose) -> None:
@@ -195,8 +219,8 @@ def check_cameras(sample: dict[str, Any], name: str) -> None:
     infos = [m for t, m in sample.items() if t.startswith(f"{name}/") and "camera_info" in t]
     assert len(infos) == 6
     for info in infos:
-        assert info == infos[0]
-    info = infos[0]
+        assert info.k.tolist() == infos[0].k.tolist()
+    info = sample[f"{name}/color/camera_info"]
     assert (info.width, info.height, info.distortion_model) == (160, 120, "plumb_bob")
     assert list(info.k) == [131.0, 0, 70.25, 0, 139.5, 65.5, 0, 0, 1]
     bent = [-0.18, 0.04, 1e-3, -2e-3, 0.01]
@@ -252,8 +276,33 @@ def check_normals(sample: dict[str, Any], name: str) -> None:
     np.testing.assert_allclose(lengths, np.isfinite(depth_m), atol=1e-5)
 
 
+def check_projection(user: User, stamp: Any, sample: dict[str, Any], name: str) -> None:
+    """P takes points of the frame that the camera_info names to the pixels of its image."""
+    cloud_msg = sample[f"{name}/depth_registered/points"]
+    cloud = read_points(cloud_msg)
+    points_m = np.stack([cloud[axis][..., 0] for axis in "xyz"], axis=-1).astype(float)
+    hit = np.isfinite(points_m[..., 2])
+    rows, columns = np.nonzero(hit)
+    T_map_cloud = chained(user, stamp, cloud_msg.header.frame_id)
+    for modality in ("color", "depth", "semantic_0", "semantic_1", "instance", "normal"):
+        info, image = (
+            sample[f"{name}/{modality}/camera_info"],
+            sample[f"{name}/{modality}/image_raw"],
+        )
+        assert info.header == image.header
+        T = np.linalg.inv(chained(user, stamp, info.header.frame_id)) @ T_map_cloud
+        x, y, z = T[:3, :3] @ points_m[hit].T + T[:3, 3:]
+        # image_geometry's project3dToPixel:
+        fx, cx, Tx, fy, cy, Ty = (info.p[i] for i in (0, 2, 3, 5, 6, 7))
+        np.testing.assert_allclose((fx * x + Tx) / z + cx, columns, atol=1e-3)
+        np.testing.assert_allclose((fy * y + Ty) / z + cy, rows, atol=1e-3)
+
+
 def check_pair(user: User, stamp: Any, sample: dict[str, Any]) -> None:
     """The right camera's P takes points of the left one's frame to the right one's pixels."""
+    color, depth = (sample[f"pair_right/{m}/camera_info"] for m in ("color", "depth"))
+    assert color.header.frame_id == "pair_left_optical_frame"
+    assert (depth.header.frame_id, depth.p[3]) == ("pair_right_optical_frame", 0.0)
     T_left_right = np.linalg.inv(chained(user, stamp, "pair_left_optical_frame")) @ chained(
         user, stamp, "pair_right_optical_frame"
     )

@@ -112,7 +112,7 @@ def test_every_modality_of_every_camera_is_published(user: User) -> None:
     for name in ("left", "right"):
         for modality in ENCODINGS:
             topics[f"{name}/{TOPICS.get(modality, modality)}/image_raw"] = Image
-        topics[f"{name}/depth/camera_info"] = CameraInfo
+        topics |= {f"{name}/{each}/camera_info": CameraInfo for each in ("color", "depth")}
         topics[f"{name}/depth_registered/points"] = PointCloud2
         for level in (0, 7):
             user.listen(SemanticLabels, f"{name}/semantic_{level}/labels", LATCHED_QOS)
@@ -132,10 +132,13 @@ def test_every_modality_of_every_camera_is_published(user: User) -> None:
         for modality, encoding in ENCODINGS.items():
             (msg, *_) = user.received[f"{name}/{TOPICS.get(modality, modality)}/image_raw"]
             assert (msg.encoding, msg.header.stamp.sec) == (encoding, 7)
-            assert msg.header.frame_id == f"{name}_optical_frame"
+            frame = name if modality in ("depth", "range") else "left"
+            assert msg.header.frame_id == f"{frame}_optical_frame"
             np.testing.assert_array_equal(image_from_msg(msg), image_of(modality))
         (camera, *_) = user.received[f"{name}/depth/camera_info"]
         assert list(camera.d) == list(BENT.distortion)
+        assert camera.p[3] == 0
+        (camera, *_) = user.received[f"{name}/color/camera_info"]
         assert camera.p[3] == (0 if name == "left" else -7.5 * 0.2)
         (cloud, *_) = user.received[f"{name}/depth_registered/points"]
         expected_m = pixel_rays(BENT) * image_of("depth")[..., None]
