@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints, model_validator
 
 from oaisys_core.config.section import MAX_M, Positive, Section, Vector3
+from oaisys_core.config.sections.erosion import ErosionConfig
 from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.files.path_fields import ConfigFile
 
@@ -146,6 +147,7 @@ class StageConfig(Section):
         roughness: Factor on the fine relief; 0 is smooth, 1 is the default of the preset.
         dem: Digital elevation model, instead of a preset.
         mesh: Mesh from a file, instead of a preset.
+        erosion: Water and gravity that shape the preset or the elevation model; None for none.
         surroundings: What the ground beyond the stage is: ``land`` with relief as on the stage and
             larger forms behind, up to the horizon, or ``plain``, to which the stage slopes down;
             walls and pits that the edge cuts fade on it within a fraction of their width.
@@ -167,6 +169,7 @@ class StageConfig(Section):
     roughness: float = Field(default=1.0, ge=0, le=10)
     dem: DemConfig | None = None
     mesh: StageMeshConfig | None = None
+    erosion: ErosionConfig | None = None
     surroundings: Literal["land", "plain"] = "land"
     body: Body = "earth"
     water: WaterConfig | None = None
@@ -191,6 +194,8 @@ class StageConfig(Section):
             raise ValueError("expected dem or mesh, not both")
         if self.mesh is not None and self.detail is not None:
             raise ValueError("expected no detail on a mesh: only grids can be refined")
+        if self.mesh is not None and self.erosion is not None:
+            raise ValueError("expected no erosion of a mesh: only grids erode")
         if self.save_as is not None and self.store is None:
             raise ValueError("expected a store, because save_as is given")
         return self

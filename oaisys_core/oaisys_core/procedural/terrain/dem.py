@@ -32,12 +32,14 @@ class ImportedGround:
         holes: Number of connected regions without heights, which were filled.
         filled_px: Number of pixels in these regions.
         body_radius_m: Equatorial radius of the body that the file is of; None if it does not say.
+        posting_m: Distance between the heights in the file, on the ground.
     """
 
     ground: HeightField
     holes: int
     filled_px: int
     body_radius_m: float | None = None
+    posting_m: float = 0.0
 
 
 def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
@@ -75,7 +77,9 @@ def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
     origin_m = (x_m - (cols - 1) * step_m / 2, y_m - (rows - 1) * step_m / 2)
     ground = HeightField(height_m.astype(np.float32), origin_m, step_m)
     body_m = None if reference is None or reference.is_local else float(reference.geod.a)
-    return ImportedGround(ground, holes, filled_px, body_m)
+    intervals = zip(height_m.shape, model.values.shape, strict=True)
+    posting_m = step_m * max((grid - 1) / max(file - 1, 1) for grid, file in intervals)
+    return ImportedGround(ground, holes, filled_px, body_m, posting_m)
 
 
 def _reference(model: StoredModel, config: DemConfig, field: str) -> Reference | None:

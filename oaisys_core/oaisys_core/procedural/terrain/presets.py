@@ -14,6 +14,8 @@ from oaisys_core.procedural.terrain.landform import (
     subtract_median,
     unevenness,
 )
+from oaisys_core.procedural.terrain.landscapes.badlands import badlands
+from oaisys_core.procedural.terrain.landscapes.kept import kept
 from oaisys_core.procedural.terrain.mountains import (
     another_noise,
     large_terrain,
@@ -49,7 +51,10 @@ def make_ground(
     check_preset(preset)
     spec = GroundSpec(extent_m, resolution_px, roughness, relief_m)
     maker = PRESETS.get(preset) or extensions.load(extensions.STAGES, preset)
-    elevation_m = np.asarray(maker(spec, rng), np.float32)
+    if preset in SHAPED:
+        elevation_m = kept(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
+    else:
+        elevation_m = np.asarray(maker(spec, rng), np.float32)
     if elevation_m.shape != (resolution_px, resolution_px) or not np.isfinite(elevation_m).all():
         expected = f"({resolution_px}, {resolution_px}) finite heights of the stage {preset!r}"
         raise InvalidInputError("stage.preset", elevation_m.shape, expected)
@@ -82,8 +87,12 @@ def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     return subtract_median(large + spec.roughness * unevenness(spec, rng))
 
 
+SHAPED = frozenset({"badlands"})
+"""Presets made by processes, which take seconds and are kept on disk."""
+
 PRESETS: dict[str, Preset] = {
     "another_noise": another_noise,
+    "badlands": badlands,
     "canyon": canyon,
     "craters": craters,
     "dunes": dunes,

@@ -70,8 +70,8 @@ def limit_mb() -> float:
         return LIMIT_MB
 
 
-def default_cache_dir() -> Path | None:
-    """Return the user's cache folder (XDG_CACHE_HOME, or ~/.cache).
+def default_cache_dir(kind: str = "textures") -> Path | None:
+    """Return a folder in the user's cache (XDG_CACHE_HOME, or ~/.cache).
 
     None if it is not writable, or the cache is disabled.
     """
@@ -79,7 +79,7 @@ def default_cache_dir() -> Path | None:
         return None
     base = os.environ.get("XDG_CACHE_HOME")
     try:
-        folder = (Path(base) if base else Path.home() / ".cache") / "oaisys" / "textures"
+        folder = (Path(base) if base else Path.home() / ".cache") / "oaisys" / kind
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):
         return None
@@ -104,7 +104,7 @@ def read(path: Path, name: str, size_px: int) -> PbrMaps | None:
     except UNREADABLE as error:
         LOG.warning("the cached texture %s is not readable and will be made again: %s", path, error)
         return None
-    _touch(path)
+    touch(path)
     return PbrMaps(name=name, tile_m=tile_m, **maps)
 
 
@@ -145,7 +145,7 @@ def trim(folder: Path, most_bytes: float) -> None:
         held -= size
 
 
-def _touch(path: Path) -> None:
+def touch(path: Path) -> None:
     """Mark an entry as just used."""
     try:
         os.utime(path)

@@ -21,20 +21,25 @@ CODE = (
 """Files and folders of the package with all code that runs while a set is made."""
 
 
-@cache
 def code_version() -> str:
     """Return the version, which is another one if a set might be."""
+    return version_of(CODE)
+
+
+@cache
+def version_of(code: tuple[str, ...]) -> str:
+    """Return a hash of files and folders of the package, and of the libraries they use."""
     import cv2
 
     digest = hashlib.sha256(repr((np.__version__, scipy.__version__, cv2.__version__)).encode())
-    for path in code_files():
+    for path in code_files(code):
         digest.update(repr((path.relative_to(PACKAGE).as_posix(), path.read_bytes())).encode())
     return digest.hexdigest()
 
 
-def code_files() -> list[Path]:
-    """Return the files in `CODE`, and those in its folders."""
-    named = [PACKAGE / name for name in CODE]
+def code_files(code: tuple[str, ...] = CODE) -> list[Path]:
+    """Return the given files of the package, and those in the given folders."""
+    named = [PACKAGE / name for name in code]
     return [
         file
         for path in named

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from oaisys_core import randomness
 from oaisys_core.config.sections.stage import (
     BODY_TOLERANCE,
     ReuseConfig,
@@ -19,11 +20,12 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.procedural.terrain.detail import Detail
+from oaisys_core.procedural.terrain.landscapes.eroded import eroded
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.procedural.terrain.water import Water, WaterLook, level_from_share, water_on
-from oaisys_core.scene import Ground
+from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import merge
 from oaisys_core.world.module import Metadata, Module, World, override
 from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
@@ -153,11 +155,21 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, 
         if any(mesh.local_origin_m):
             notes["local_origin_m"] = list(mesh.local_origin_m)
         return mesh
+    posting_m = None
     if config.dem is not None:
         imported = import_dem(config.dem)
         _check_body(imported, config)
         notes.update(holes=imported.holes, filled_px=imported.filled_px)
-        return imported.ground
+        ground, posting_m = imported.ground, imported.posting_m
+    else:
+        ground = _preset_ground(config, rng)
+    if config.erosion is None:
+        return ground
+    kept_m = posting_m if config.erosion.below_posting else None
+    return eroded(ground, config.erosion, randomness.child(rng, "erosion"), kept_m)
+
+
+def _preset_ground(config: StageConfig, rng: np.random.Generator) -> HeightField:
     return make_ground(
         config.preset,
         config.extent_m,
