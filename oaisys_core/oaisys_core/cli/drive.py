@@ -172,7 +172,8 @@ def plan(
         simulation = Simulation(chosen)
         try:
             simulation.step_batch()
-            planned = plan_drive(section, partial(simulation.query_height, on_stage=True))
+            heights = partial(simulation.query_height, on_stage=True)
+            planned = plan_drive(section, heights, simulation.info().sensors)
         finally:
             simulation.close()
     write_trajectory(out, planned.trajectory)

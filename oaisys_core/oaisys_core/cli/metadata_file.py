@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import InvalidInputError, did_you_mean
 from oaisys_core.files.documents import parse_yaml, read_text
 from oaisys_core.geometry import check_pose
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
+
+if TYPE_CHECKING:
+    from oaisys_core.simulation import Simulation
 
 _STEPS = ("batch", "samples")
 _SELECTIONS = ("modalities", "sensors")
@@ -36,6 +39,15 @@ class Steps:
 
     batch: ModuleMetadata
     samples: tuple[SampleRequest, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of samples of each batch."""
+        return len(self.samples)
+
+    def requests(self, simulation: Simulation) -> tuple[SampleRequest, ...]:
+        """Return the samples in a simulation's current world, which are the same in all."""
+        return self.samples
 
 
 def load_steps(path: Path) -> Steps:

@@ -10,6 +10,10 @@ import typer
 from oaisys_core.cli.options import (
     BackendOption,
     ConfigOption,
+    PosesCameraOption,
+    PosesFrameOption,
+    PosesOption,
+    PosesTopicOption,
     QualityOption,
     SeedOption,
     SizeOption,
@@ -19,8 +23,10 @@ from oaisys_core.errors import InvalidInputError, RenderError
 
 if TYPE_CHECKING:
     from oaisys_core.cli.metadata_file import SampleRequest, Steps
+    from oaisys_core.cli.pose_steps import PoseSteps
     from oaisys_core.cli.render_progress import RenderProgress
     from oaisys_core.config import SimulationConfig
+    from oaisys_core.files.poses import PoseSelection
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
     from oaisys_core.types import Sample
@@ -33,10 +39,10 @@ def render(
     samples: Annotated[
         int | None, typer.Option(help="Number of views of each world.", min=1)
     ] = None,
-    poses: Annotated[
-        Path | None,
-        typer.Option(help="CSV of rig poses, in the format of poses.csv, one per view."),
-    ] = None,
+    poses: PosesOption = None,
+    poses_camera: PosesCameraOption = None,
+    poses_topic: PosesTopicOption = None,
+    poses_frame: PosesFrameOption = None,
     metadata: Annotated[
         Path | None,
         typer.Option(help="YAML or JSON list of metadata, one entry per view."),
@@ -61,6 +67,7 @@ def render(
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjust, load_config
+    from oaisys_core.files.poses import PoseSelection
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
     from oaisys_core.world.config_files import texture_notes
@@ -75,7 +82,8 @@ def render(
     if output.save_blend and chosen.backend != "blender":
         expected = "the backend blender, or --no-save-blend"
         raise InvalidInputError("output.save_blend", chosen.backend, expected)
-    steps = _steps(poses, metadata, output.samples)
+    selection = PoseSelection(topic=poses_topic, frame=poses_frame)
+    steps = _steps(poses, selection, poses_camera, metadata, output.samples)
     writer = SampleWriter(output.folder, output.batch_offset)
     with own_stdout():
         simulation = Simulation(chosen)
@@ -89,20 +97,31 @@ def render(
             simulation.close()
 
 
-def _steps(poses: Path | None, metadata: Path | None, samples: int) -> Steps:
+def _steps(
+    poses: Path | None,
+    selection: PoseSelection,
+    camera: str | None,
+    metadata: Path | None,
+    samples: int,
+) -> Steps | PoseSteps:
     from oaisys_core.cli.metadata_file import SampleRequest, Steps, load_steps
-    from oaisys_core.output.poses import read_poses
+    from oaisys_core.cli.pose_steps import PoseSteps
     from oaisys_core.types import ModuleMetadata
 
     if poses is not None and metadata is not None:
         raise InvalidInputError("metadata", str(metadata), "either --poses or --metadata")
     if metadata is not None:
         return load_steps(metadata)
-    views = [SampleRequest()] * samples
     if poses is not None:
-        sensors = [{"pose": pose} for pose in read_poses(poses)]
-        views = [SampleRequest(ModuleMetadata(sensor=sensor)) for sensor in sensors]
-    return Steps(ModuleMetadata(), tuple(views))
+        return PoseSteps(poses, selection, camera)
+    for option, value in (
+        ("--poses-camera", camera),
+        ("--poses-topic", selection.topic),
+        ("--poses-frame", selection.frame),
+    ):
+        if value is not None:
+            raise InvalidInputError(option, value, "none without --poses")
+    return Steps(ModuleMetadata(), tuple([SampleRequest()] * samples))
 
 
 class _Run:
@@ -112,7 +131,7 @@ class _Run:
         self,
         simulation: Simulation,
         writer: SampleWriter,
-        steps: Steps,
+        steps: Steps | PoseSteps,
         batches: int,
         saves_worlds: bool,
     ) -> None:
@@ -138,16 +157,17 @@ class _Run:
         """Render all missing views."""
         from oaisys_core.cli.render_progress import RenderProgress
 
-        views = self._steps.samples
+        count = self._steps.count
         info = self._simulation.info()
         batch_id, done = info.batch_id, info.sample_id
-        total = self._batches * len(views)
-        before = max(0, batch_id - 1) * len(views) + done
+        total = self._batches * count
+        before = max(0, batch_id - 1) * count + done
         with RenderProgress(total, before, self._console) as shown:
             batch_id = batch_id or self._build(1, shown)
             while True:
+                views = self._steps.requests(self._simulation)
                 for number, view in enumerate(views[done:], start=done + 1):
-                    shown.begin(f"world {batch_id}, view {number} of {len(views)}")
+                    shown.begin(f"world {batch_id}, view {number} of {count}")
                     self._render(view, shown)
                     shown.view_done()
                 if self._saves_worlds:
@@ -156,7 +176,7 @@ class _Run:
                     break
                 batch_id, done = self._build(batch_id + 1, shown), 0
         if not self._writer.has_measurements():
-            text = f"nothing was rendered: no sensor was due at any of {len(views)} views"
+            text = f"nothing was rendered: no sensor was due at any of {count} views"
             raise RenderError(f"{text}; see step_offset and step_interval of sensors")
 
     def _build(self, batch_id: int, shown: RenderProgress) -> int:

@@ -9,8 +9,9 @@ import os
 import re
 import stat
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from oaisys_core.errors import quote
 
@@ -59,6 +60,21 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
         OSError: It cannot be read.
         DocumentError: It is no regular file, such as a pipe that never ends, or it is too large.
     """
+    with open_regular(path, most_bytes) as file:
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise DocumentError(f"it has more than {most_bytes} bytes")
+    return data
+
+
+@contextmanager
+def open_regular(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
+    """Open a regular file of at most ``most_bytes`` to read it.
+
+    Raises:
+        OSError: It cannot be opened.
+        DocumentError: It is no regular file, such as a pipe that never ends, or it is too large.
+    """
     # Opening a pipe would wait for its writer.
     with open(path, "rb", opener=_open_without_waiting) as file:
         status = os.fstat(file.fileno())
@@ -66,10 +82,7 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
             raise DocumentError("it is not a regular file")
         if status.st_size > most_bytes:
             raise DocumentError(f"it has {status.st_size} bytes, more than {most_bytes}")
-        data = file.read(most_bytes + 1)
-    if len(data) > most_bytes:
-        raise DocumentError(f"it has more than {most_bytes} bytes")
-    return data
+        yield file
 
 
 def _open_without_waiting(path: str, flags: int) -> int:
@@ -304,6 +317,17 @@ def read_numbered_csv(
         ValueError: It is no CSV file, or has more rows or bytes than it may.
     """
     text = read_text(path, most_rows * MAX_ROW_BYTES).removeprefix("\ufeff")
+    return parse_numbered_csv(text, most_rows, columns)
+
+
+def parse_numbered_csv(
+    text: str, most_rows: int, columns: Sequence[str] | None = None
+) -> list[tuple[int, dict[str, str]]]:
+    """Return the rows of a CSV text without a byte order mark, as `read_numbered_csv` does.
+
+    Raises:
+        DocumentError: It is no CSV text, or has more rows than it may.
+    """
     lines = text.splitlines(keepends=True)
     kept = [(n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
     rows: list[tuple[int, dict[str, str]]] = []

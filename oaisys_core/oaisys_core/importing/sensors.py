@@ -9,6 +9,7 @@ from typing import Any
 
 from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.documents import MAX_ROW_BYTES, read_text
+from oaisys_core.files.poses.records import MAX_POSES
 from oaisys_core.importing.context import ImportContext
 from oaisys_core.importing.document import Json, entries, part, span
 from oaisys_core.importing.frames import (
@@ -17,7 +18,7 @@ from oaisys_core.importing.frames import (
     mount,
     rig_pose,
 )
-from oaisys_core.output.poses import MAX_POSES, append_pose
+from oaisys_core.output.poses import append_pose
 
 NO_PASSES: dict[str, list[int]] = {"RGBDPass": [1], "SemanticPass": [1, 1], "InstancePass": [1]}
 DOWN_YAW_DEG = -90.0

@@ -6,17 +6,11 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import read_numbered_csv
-from oaisys_core.geometry import check_pose
+from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
 from oaisys_core.output.files import append_text, csv_text, write_text
 from oaisys_core.types import Pose
 
 POSE_COLUMNS = ("sample_id", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-
-
-MAX_POSES = 200_000
-"""Rows of a file of poses, waypoints or a trajectory."""
 
 
 def append_pose(path: Path, sample_id: int, pose: Pose) -> None:
@@ -37,30 +31,20 @@ def drop_poses_after(path: Path, sample_id: int) -> None:
 
 
 def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
-    """Return the poses of a CSV file with the columns of `POSE_COLUMNS` (``sample_id`` optional).
+    """Return the poses of a file of any format that `read_pose_table` knows.
+
+    Poses of a camera become those of a body with the camera at its origin, looking along x.
 
     Args:
-        path: The file.
-        columns: Names of the columns; None if the first line is a header.
+        path: The file, such as a CSV file with the columns of `POSE_COLUMNS` (``sample_id``
+            optional).
+        columns: Names of the columns of a CSV file; None if the first line is a header.
 
     Raises:
         InvalidInputError: The file cannot be read or a row is not a pose; names line and value.
     """
-    try:
-        rows = read_numbered_csv(path, MAX_POSES, columns)
-    except (OSError, ValueError) as error:
-        raise InvalidInputError("poses", str(path), f"a readable CSV file ({error})") from error
-    poses = []
-    for line, row in rows:
-        try:
-            numbers = [float(row[column]) for column in POSE_COLUMNS[1:]]
-        except (KeyError, TypeError, ValueError) as error:
-            expected = f"numbers in the columns {', '.join(POSE_COLUMNS[1:])}"
-            raise InvalidInputError(f"{path}:{line}", dict(row), expected) from error
-        poses.append(check_pose(numbers[:3], numbers[3:], f"{path}:{line}"))
-    if not poses:
-        raise InvalidInputError("poses", str(path), "at least one row below the header")
-    return poses
+    selection = PoseSelection(columns=None if columns is None else tuple(columns))
+    return of_rig(read_pose_table(path, selection)).poses
 
 
 def _lines(rows: Sequence[Sequence[object]]) -> str:

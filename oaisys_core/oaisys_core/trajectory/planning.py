@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,19 @@ from oaisys_core.config.sections.drive import (
 )
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_numbered_csv
-from oaisys_core.output.poses import MAX_POSES
+from oaisys_core.files.poses import (
+    PoseSelection,
+    is_named_columns_file,
+    of_rig,
+    read_pose_table,
+)
+from oaisys_core.files.poses.records import MAX_POSES, number
 from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.files import read_trajectory
 from oaisys_core.trajectory.rover import Obstacle, plan_rover_drive
 from oaisys_core.trajectory.trajectory import Trajectory
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, SensorInfo
 
 LATEST_S = 2.0**31 - 1
 """Last time of a drive: stamps have 31 bits for whole seconds, and no sign."""
@@ -59,12 +65,15 @@ class DrivePlan:
         return float(np.linalg.norm(steps_m, axis=1).sum())
 
 
-def plan_drive(config: DriveConfig, heights: HeightLookup) -> DrivePlan:
+def plan_drive(
+    config: DriveConfig, heights: HeightLookup, sensors: Sequence[SensorInfo] = ()
+) -> DrivePlan:
     """Return the drive that a configuration describes.
 
     Args:
         config: Vehicle and waypoints.
         heights: Looks up ground and topmost surface below (N, 3) points in ``map``.
+        sensors: The rig's cameras, for files with the poses of one.
 
     Raises:
         InvalidInputError: A file cannot be read, or the vehicle cannot drive this way.
@@ -72,12 +81,15 @@ def plan_drive(config: DriveConfig, heights: HeightLookup) -> DrivePlan:
     obstacle = None
     vehicle = config.vehicle
     if isinstance(vehicle, RecordedMotionConfig):
-        trajectory = read_trajectory(vehicle.path)
+        selection = PoseSelection(topic=vehicle.topic, frame=vehicle.frame)
+        trajectory = read_trajectory(
+            vehicle.path, selection, sensors, vehicle.camera, vehicle.times_file
+        )
     elif isinstance(vehicle, RoverConfig):
-        plan = plan_rover_drive(vehicle, _waypoints_m(config)[:, :2], heights)
+        plan = plan_rover_drive(vehicle, _waypoints_m(config, sensors)[:, :2], heights)
         trajectory, obstacle = plan.trajectory, plan.obstacle
     else:
-        waypoints_m = _in_the_air(vehicle, _waypoints_m(config), heights)
+        waypoints_m = _in_the_air(vehicle, _waypoints_m(config, sensors), heights)
         trajectory = plan_flight(vehicle, waypoints_m, config.gravity_m_s2)
     return plan_along(trajectory, config, obstacle)
 
@@ -108,7 +120,7 @@ def plan_along(
     )
 
 
-WAY_KEYS = ("waypoints_m", "waypoints_file")
+WAY_KEYS = ("waypoints_m", "waypoints_file", "waypoints_topic")
 """Keys of a drive that say where it leads; a new one replaces all of them, and the duration."""
 
 
@@ -130,21 +142,37 @@ def change_drive(configured: DriveConfig | None, changes: Mapping[str, Any]) -> 
         raise refusal(error, data, DriveConfig, "drive") from error
 
 
-def _waypoints_m(config: DriveConfig) -> FloatArray:
+def _waypoints_m(config: DriveConfig, sensors: Sequence[SensorInfo]) -> FloatArray:
     """Return (K, 3) waypoints; z is NaN where none is given."""
     if config.waypoints_file is not None:
-        return read_waypoints(config.waypoints_file)
+        selection = PoseSelection(topic=config.waypoints_topic)
+        return read_waypoints(config.waypoints_file, selection, sensors)
     return np.array([(*point, np.nan)[:3] for point in config.waypoints_m])
 
 
-def read_waypoints(path: Path) -> FloatArray:
+def read_waypoints(
+    path: Path, selection: PoseSelection | None = None, sensors: Sequence[SensorInfo] = ()
+) -> FloatArray:
     """Return the (K, 3) waypoints of a CSV file with the columns x_m, y_m and perhaps z_m.
 
-    Without z_m, z is NaN.
+    Without z_m, z is NaN. Of any other file that `read_pose_table` knows, they are the positions
+    of the rig's base; of poses that follow each other at one place, the first counts.
+
+    Args:
+        path: The file.
+        selection, sensors: See `read_pose_table` and `of_rig`.
 
     Raises:
         InvalidInputError: The file cannot be read, or a row has no numbers; names line and value.
     """
+    if is_named_columns_file(path):
+        return _named_waypoints(path)
+    positions_m = of_rig(read_pose_table(path, selection), sensors).positions_m
+    moves = np.append(True, (np.diff(positions_m, axis=0) != 0).any(axis=1))
+    return np.asarray(positions_m[moves])
+
+
+def _named_waypoints(path: Path) -> FloatArray:
     try:
         rows = read_numbered_csv(path, MAX_POSES)
     except (OSError, ValueError) as error:
@@ -152,14 +180,14 @@ def read_waypoints(path: Path) -> FloatArray:
         raise InvalidInputError("drive.waypoints_file", str(path), expected) from error
     points = []
     for line, row in rows:
-        try:
-            point = [float(row[column]) for column in ("x_m", "y_m")]
-            point.append(float(row["z_m"]) if row.get("z_m") else np.nan)
-        except (KeyError, TypeError, ValueError) as error:
-            expected = "numbers in the columns x_m, y_m and, if there is one, z_m"
-            raise InvalidInputError(f"{path}:{line}", dict(row), expected) from error
-        if not np.isfinite(point[:2]).all() or np.isinf(point[2]):
-            raise InvalidInputError(f"{path}:{line}", dict(row), "finite numbers")
+        missing = {"x_m", "y_m"} - row.keys()
+        if missing:
+            expected = "the columns x_m, y_m and, if there is one, z_m"
+            raise InvalidInputError(f"{path}:1", [str(name) for name in row], expected)
+        names = ("x_m", "y_m", "z_m") if row.get("z_m") else ("x_m", "y_m")
+        point = ([number(row[name], f"{path}:{line}", name) for name in names] + [np.nan])[:3]
+        if not np.isfinite(point[: len(names)]).all():
+            raise InvalidInputError(f"{path}:{line}", [str(x) for x in point], "finite numbers")
         points.append(point)
     if not points:
         raise InvalidInputError("drive.waypoints_file", str(path), "rows below the header")

@@ -85,7 +85,8 @@ class DriveCalls:
                 expected = "drive or poses: the configuration has no section drive"
                 raise InvalidInputError("drive", None, expected)
             section = change_drive(self._config.drive, changes)
-            plan = plan_drive(section, partial(self._simulation.query_height, on_stage=True))
+            heights = partial(self._simulation.query_height, on_stage=True)
+            plan = plan_drive(section, heights, self._simulation.info().sensors)
         count = len(plan.trajectory.times_s)
         if count > MAX_POSES:
             expected = f"a trajectory of at most {MAX_POSES} poses"

@@ -75,9 +75,10 @@ def test_a_stamp_that_occurs_twice_is_kept_once_and_told(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "a.tum"
-    path.write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n1 9 0 0 0 0 0 1\n2 2 0 0 0 0 0 1\n")
+    rows = ["0 0", "1 1", "1 9", "2 2", "0 9"]
+    path.write_text("\n".join(f"{row} 0 0 0 0 0 1" for row in rows))
     assert read_trajectory(path).positions_m[:, 0].tolist() == [0, 1, 2]
-    assert "1 rows have the stamp of the row before" in caplog.text
+    assert "2 rows have the stamp of an earlier row, the first of them 3 with 1.0 s" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -89,11 +89,22 @@ class RecordedMotionConfig(Section):
 
     Attributes:
         path: CSV file with the columns t_s, x_m, y_m, z_m, qx, qy, qz, qw, EuRoC's ground truth
-            (CSV), or TUM file (``.tum``, ``.txt``); relative to the configuration file.
+            (CSV), TUM file; or, with ``times_file``, KITTI's poses, COLMAP's ``images.txt`` or
+            ``transforms.json``; relative to the configuration file.
+        times_file: Text file with the seconds of each pose, one a line, such as KITTI's
+            ``times.txt``; for files without times.
+        camera: Camera whose optical frame the poses are of; null: the first camera for KITTI,
+            COLMAP and ``transforms.json``, else the rig's base.
+        topic: Topic of a bag; null: its only one with poses.
+        frame: Frame whose transforms are the poses, of a topic of transforms; null: ``base_link``.
     """
 
     kind: Literal["file"]
     path: ConfigFile
+    times_file: ConfigFile | None = None
+    camera: str | None = None
+    topic: str | None = None
+    frame: str | None = None
 
 
 AnyVehicle = Annotated[
@@ -134,8 +145,10 @@ class DriveConfig(Section):
         vehicle: What moves the rig.
         waypoints_m: (x, y) or (x, y, z) of the waypoints; a rover needs no z, a drone needs it
             unless ``height_above_ground_m`` is set.
-        waypoints_file: CSV file with the columns x_m, y_m and perhaps z_m, instead of
-            ``waypoints_m``; relative to the configuration file.
+        waypoints_file: CSV file with the columns x_m, y_m and perhaps z_m, or any other file of
+            poses, whose positions are the waypoints, instead of ``waypoints_m``; relative to the
+            configuration file.
+        waypoints_topic: Topic of a bag; null: its only one with poses.
         duration_s: Seconds after which the drive ends; null for the whole way.
         gravity: ``earth``, ``moon``, ``mars``, or a number in m/s^2; IMUs measure it, and a drone
             tilts against it.
@@ -146,6 +159,7 @@ class DriveConfig(Section):
     vehicle: AnyVehicle = RoverConfig()
     waypoints_m: tuple[Waypoint, ...] = ()
     waypoints_file: ConfigFile | None = None
+    waypoints_topic: str | None = None
     duration_s: Positive | None = None
     gravity: Gravity = "earth"
     odometry_rate_hz: float = Field(default=50.0, gt=0, le=10_000)
@@ -159,6 +173,8 @@ class DriveConfig(Section):
     @model_validator(mode="after")
     def _has_a_way(self) -> DriveConfig:
         ways = bool(self.waypoints_m) + (self.waypoints_file is not None)
+        if self.waypoints_topic is not None and self.waypoints_file is None:
+            raise ValueError("waypoints_topic needs waypoints_file")
         if self.vehicle.kind == "file":
             if ways:
                 raise ValueError("a vehicle of kind file follows its file: expected no waypoints")

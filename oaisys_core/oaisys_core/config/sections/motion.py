@@ -86,9 +86,14 @@ class CsvMotion(MotionConfig):
     """The poses of a file, one after the other.
 
     Attributes:
-        path: CSV file in the format of ``poses.csv``, relative to the configuration file.
+        path: File of poses, relative to the configuration file: CSV as ``poses.csv``, TUM, EuRoC,
+            KITTI, COLMAP's ``images.txt``, ``transforms.json``.
         columns: Names of the columns of a file without a header, such as sample_id, x_m, y_m, z_m,
             qw, qx, qy, qz; None if the first line is a header.
+        camera: Camera whose optical frame the poses are of; None: the first camera for KITTI,
+            COLMAP and ``transforms.json``, else the rig's base.
+        topic: Topic of a bag; None: its only one with poses.
+        frame: Frame whose transforms are the poses, of a topic of transforms; None: ``base_link``.
         offset_m: Offset added to every position.
         at_end: After the last pose: keep it, start again, or fail.
     """
@@ -96,6 +101,9 @@ class CsvMotion(MotionConfig):
     kind: Literal["csv"]
     path: ConfigFile
     columns: tuple[str, ...] | None = None
+    camera: str | None = None
+    topic: str | None = None
+    frame: str | None = None
     offset_m: Vector3 = (0.0, 0.0, 0.0)
     at_end: AtEnd = "refuse"
 

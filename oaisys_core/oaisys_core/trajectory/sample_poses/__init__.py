@@ -31,7 +31,7 @@ def make_motion(config: AnyMotion, sensors: Sequence[SensorInfo]) -> Motion | No
     if isinstance(config, GivenMotion):
         return None
     if isinstance(config, CsvMotion):
-        return Csv(config)
+        return Csv(config, sensors)
     if isinstance(config, RandomMotion):
         return Random(config)
     if isinstance(config, HoverMotion):

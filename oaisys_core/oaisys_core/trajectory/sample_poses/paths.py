@@ -12,7 +12,7 @@ import scipy
 from oaisys_core import geometry
 from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.output.poses import read_poses
+from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
 from oaisys_core.trajectory.sample_poses.base import (
     Motion,
     MotionStep,
@@ -34,10 +34,12 @@ NORTH_UP_YAW_RAD = np.pi / 2
 class Csv(Motion):
     """See `CsvMotion`."""
 
-    def __init__(self, config: CsvMotion) -> None:
+    def __init__(self, config: CsvMotion, sensors: Sequence[SensorInfo]) -> None:
         self._config = config
         self.step_interval = config.step_interval
-        self._poses = read_poses(config.path, config.columns)
+        selection = PoseSelection(config.columns, config.topic, config.frame)
+        table = read_pose_table(config.path, selection)
+        self._poses = of_rig(table, sensors, config.camera).poses
 
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
