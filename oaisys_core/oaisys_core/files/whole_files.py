@@ -34,8 +34,13 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 def write_whole_text(path: Path, text: str) -> None:
     """Write UTF-8 text to a file, see `whole_file`."""
+    write_whole_bytes(path, text.encode())
+
+
+def write_whole_bytes(path: Path, data: bytes) -> None:
+    """Write bytes to a file, see `whole_file`."""
     with whole_file(path) as part:
-        part.write_bytes(text.encode())
+        part.write_bytes(data)
 
 
 def _require_file(path: Path) -> None:
