@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.path_fields import asset_root_folders
 
+_allowed: ContextVar[tuple[Path, ...]] = ContextVar("allowed_folders", default=())
+
+
+@contextmanager
+def allow_references(*folders: Path) -> Iterator[None]:
+    """Let files that are read inside this block refer to files in further folders, too."""
+    token = _allowed.set(tuple(folder.resolve() for folder in folders))
+    try:
+        yield
+    finally:
+        _allowed.reset(token)
+
 
 def folders_of(file: Path) -> tuple[Path, ...]:
     """Return the folders in which the files that a file refers to may lie, links resolved."""
-    return (file.resolve().parent, *asset_root_folders())
+    return (file.resolve().parent, *asset_root_folders(), *_allowed.get())
 
 
 def lies_within(path: Path, folders: tuple[Path, ...]) -> bool:
