@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from oaisys_core.cli.standard_output import write_or_print
-
-if TYPE_CHECKING:
-    from oaisys_core.files.calibrations import Calibration
 
 sensors_app = typer.Typer(
     help="Configure sensors from files of others.", no_args_is_help=True, add_completion=False
@@ -27,48 +25,79 @@ def import_(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Calibration: ROS's camera_info, Kalibr's camchain or imu, OpenCV's FileStorage,"
-            " COLMAP's cameras.txt or .bin, nerfstudio's transforms.json."
+            help="Robot: URDF or SDF. Calibration: ROS's camera_info, Kalibr's camchain or imu,"
+            " EuRoC's sensor.yaml, OpenCV's FileStorage, COLMAP's cameras.txt or .bin, nerfstudio's"
+            " transforms.json."
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="YAML file to write; default: print it.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="YAML file to write; default: print it. Of a robot, its visuals are written beside"
+            " it as NAME_visuals.glb, which is a mover of the configuration."
+        ),
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            help="Robot: the link that becomes base_link; default: the link of this name, else"
+            " URDF's root, SDF's model."
+        ),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="SDF: the model; default: the only one.")
+    ] = None,
+    packages: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Robot: a folder with the packages and models of its meshes. Can be repeated.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None,
 ) -> None:
     """Print the section `sensors` of a configuration that has the sensors in FILE.
 
     What was assumed, and what of the file is not used, stands in comments.
     """
     from oaisys_core.config import config_from_mapping
-    from oaisys_core.files.calibrations import read_calibration
 
-    found = read_calibration(file)
-    sensors = sensors_section(found)
-    config_from_mapping({"sensors": sensors})
-    write_or_print(_text(found, sensors, file.name), out)
+    heading, sections, notes = _read(file, out, base, model, packages or ())
+    folder = Path() if out is None else out.parent
+    config_from_mapping(sections, base=folder)
+    write_or_print(_text(heading, sections, notes), out)
 
 
-def sensors_section(found: Calibration) -> dict[str, Any]:
-    """Return the section `sensors` with the cameras and IMUs of a calibration.
-
-    Raises:
-        InvalidInputError: A camera has no image size.
-    """
+def _read(
+    file: Path, out: Path | None, base: str | None, model: str | None, packages: Sequence[Path]
+) -> tuple[str, dict[str, Any], Sequence[str]]:
+    """Return the heading, the sections and the notes of a configuration with a file's sensors."""
     from oaisys_core.errors import InvalidInputError
+    from oaisys_core.files.calibrations import read_calibration
+    from oaisys_core.files.calibrations.reading import read_robot_file
+    from oaisys_core.importing.robots import robot_sections, sensors_section
 
-    for camera in found.cameras:
-        if camera.size_px is None:
-            expected = "a size; write it into the file, such as image_width and image_height"
-            raise InvalidInputError(f"calibration.{camera.name}", "no image size", expected)
-    sensors: dict[str, Any] = {}
-    if found.cameras:
-        sensors["cameras"] = [{"name": each.name, **each.config()} for each in found.cameras]
-    if found.imus:
-        sensors["imus"] = [dict(each) for each in found.imus]
-    return sensors
+    robot = read_robot_file(file, base, model)
+    if robot is not None:
+        sections, notes = robot_sections(robot, file, out, packages)
+        return f"From {file.name} ({robot.sensors.format}).", sections, notes
+    for name, value in (("base", base), ("model", model), ("packages", packages or None)):
+        if value is not None:
+            raise InvalidInputError(name, value, "none: it is for robots (URDF, SDF)")
+    found = read_calibration(file)
+    return f"From {file.name} ({found.format}).", {"sensors": sensors_section(found)}, found.notes
 
 
-def _text(found: Calibration, sensors: dict[str, Any], name: str) -> str:
+def _text(heading: str, sections: dict[str, Any], notes: Sequence[str]) -> str:
     import yaml
 
-    notes = [f"From {name} ({found.format}).", *(f"{note}." for note in found.notes)]
-    body = yaml.safe_dump({"sensors": sensors}, sort_keys=False, default_flow_style=None)
-    return "".join(f"# {note[0].upper()}{note[1:]}\n" for note in notes) + str(body)
+    lines = [heading, *(f"{note}." for note in notes)]
+    body = yaml.safe_dump(sections, sort_keys=False, default_flow_style=None)
+    return "".join(f"# {_sentence(line)}\n" for line in lines) + str(body)
+
+
+def _sentence(text: str) -> str:
+    """Return a text on one line, as names in files may have line ends, with a capital."""
+    plain = " ".join(text.split())
+    is_name = plain.partition(" ")[0].endswith((":", ","))
+    return plain if is_name else plain[0].upper() + plain[1:]

@@ -1,1 +1,1 @@
-"""Configuration files of the original OAISYS simulator, turned into ours."""
+"""Files of other programs turned into configurations: the original simulator's, and robots."""

@@ -130,6 +130,10 @@ def optics_bounds_px(width_px: int) -> dict[str, tuple[float, float]]:
     return {"fx_px": focal, "fy_px": focal, "cx_px": centre, "cy_px": centre}
 
 
+OVERRIDING = frozenset({"mount_position_m", "mount_quat_xyzw", "rate_hz", "modalities"})
+"""Keys of a camera that may stand beside its calibration, and then count."""
+
+
 class CalibrationConfig(Section):
     """A calibration of another program, see docs/files.md.
 
@@ -204,7 +208,7 @@ class CameraConfig(OpticsConfig):
     @model_validator(mode="before")
     @classmethod
     def _take_calibration(cls, data: Any, info: ValidationInfo) -> Any:
-        """Replace ``calibration`` by what its file says; a mount beside it counts more."""
+        """Replace ``calibration`` by what its file says; `OVERRIDING` beside it count more."""
         if not isinstance(data, dict) or data.get("calibration") is None:
             return data
         chosen = CalibrationConfig.model_validate(data["calibration"], context=info.context)
@@ -213,7 +217,7 @@ class CameraConfig(OpticsConfig):
             found = read_calibration(chosen.file).camera(chosen.camera).config()
         except InvalidInputError as error:
             raise ValueError(f"{error} in {chosen.file}") from error
-        if twice := sorted(found.keys() & given.keys() - {"mount_position_m", "mount_quat_xyzw"}):
+        if twice := sorted(found.keys() & given.keys() - OVERRIDING):
             raise ValueError(f"{twice[0]} is given beside the calibration, expected one of both")
         if not {"width_px", "height_px"} <= found.keys() | given.keys():
             raise ValueError("the calibration has no image size, expected width_px and height_px")

@@ -35,6 +35,8 @@ class CalibratedCamera:
         distortion: Coefficients by name of `BROWN_CONRADY`; empty for none.
         fisheye: Coefficients by name of `KANNALA_BRANDT`; None for a pinhole camera.
         T_base_optical: (4, 4) pose of its optical frame on the rig; None if the file does not say.
+        rate_hz: Images per second; None if the file does not say.
+        modalities: What it measures; empty if the file does not say.
     """
 
     name: str
@@ -44,6 +46,8 @@ class CalibratedCamera:
     distortion: dict[str, float] = field(default_factory=dict)
     fisheye: dict[str, float] | None = None
     T_base_optical: FloatArray | None = None
+    rate_hz: float | None = None
+    modalities: tuple[str, ...] = ()
 
     def config(self) -> dict[str, Any]:
         """Return the keys of a camera in a configuration, without its name."""
@@ -59,6 +63,10 @@ class CalibratedCamera:
             found["distortion"] = self.distortion
         if self.T_base_optical is not None:
             found |= mount(self.T_base_optical @ invert(T_LINK_OPTICAL))
+        if self.rate_hz is not None:
+            found["rate_hz"] = self.rate_hz
+        if self.modalities:
+            found["modalities"] = list(self.modalities)
         return found
 
 
@@ -71,12 +79,16 @@ class Calibration:
         cameras: Its cameras, in the file's order.
         imus: The keys of its IMUs in a configuration.
         notes: What was assumed, and what of the file is not used.
+        lidars: The keys of its lidars in a configuration.
+        faults: Those of ``sensors.faults``.
     """
 
     format: str
     cameras: tuple[CalibratedCamera, ...] = ()
     imus: tuple[dict[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
+    lidars: tuple[dict[str, Any], ...] = ()
+    faults: Mapping[str, float] = field(default_factory=dict)
 
     def camera(self, name: str | None) -> CalibratedCamera:
         """Return the camera of a name, or the only one.
