@@ -11,11 +11,11 @@ from oaisys_core import randomness
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import NotReadyError
 from oaisys_core.procedural.environment.light import white_gains
-from oaisys_core.procedural.environment.radiometry import radiance_w_m2_sr
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.geometry_pass import PoseMemory, frame_of, frames_of
 from oaisys_core.render.lidar import LidarCaster
+from oaisys_core.render.light_images import light_images
 from oaisys_core.render.shading.shading import Palette, shade
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects
@@ -24,7 +24,7 @@ from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     ALBEDO,
-    RADIANCE,
+    LIT,
     RENDERED,
     RGB,
     FloatArray,
@@ -51,7 +51,7 @@ class AnalyticBackend(Backend):
         self._palette: Palette | None = None
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
-        self.exposures_ev: dict[str, float] = {}
+        self.exposures: dict[str, float] = {}
 
     @property
     def version(self) -> str:
@@ -90,7 +90,7 @@ class AnalyticBackend(Backend):
         surface, palette = self._require_built()
         geometry: list[Frame] = []
         views: dict[str, View] = {}
-        self.exposures_ev = {}
+        self.exposures = {}
         for index, camera in enumerate(cameras):
             progress(Progress("rays", 0.5 * index / len(cameras)))
             view = surface.view(camera)
@@ -103,7 +103,7 @@ class AnalyticBackend(Backend):
             progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
             if camera.name in views:
                 view = views.pop(camera.name)
-                frames = _colors(surface, palette, view, camera, settings, self.exposures_ev)
+                frames = _colors(surface, palette, view, camera, settings, self.exposures)
                 yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
 
@@ -145,15 +145,15 @@ def _colors(
     view: View,
     camera: PlacedCamera,
     settings: RenderSettings,
-    exposures_ev: dict[str, float],
+    exposures: dict[str, float],
 ) -> tuple[Frame, ...]:
     """Return the frames of a view that show colours, and note the exposure of its picture."""
     frames = []
-    lit = {RGB, RADIANCE}.intersection(camera.modalities)
+    lit = LIT.intersection(camera.modalities)
     radiance = shade(view, palette, surface) if lit else np.empty(0)
-    if RADIANCE in lit:
-        scaled = radiance_w_m2_sr(radiance, surface.scene.sky)
-        frames.append(frame_of(camera, RADIANCE, scaled))
+    physical = light_images(radiance, camera, surface.scene.sky, settings.noise_seed)
+    frames += [frame_of(camera, *each) for each in physical.images.items()]
+    exposures |= physical.exposures
     if RGB in lit:
         if settings.white_balance == "illuminant":
             radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
@@ -161,7 +161,7 @@ def _colors(
         if exposure_ev is None:
             picture = radiance.astype(np.float32)
             exposure_ev = meter_ev(picture, view.is_hit, settings.auto_exposure)
-        exposures_ev[camera.name] = exposure_ev
+        exposures[camera.name] = exposure_ev
         image = encode_srgb(radiance * 2.0**exposure_ev)
         rng = randomness.stream(settings.noise_seed, camera.name)
         image = with_effects(image, settings.effects, camera.intrinsics, rng)

@@ -89,8 +89,9 @@ class Backend(ABC):
     samples_per_pixel: int | None = None
     """Samples per pixel of the last colour images, the fewest of all cameras; None: as set."""
 
-    exposures_ev: Mapping[str, float] = MappingProxyType({})
-    """Exposures of the last sample's colour images in stops, by the camera's name."""
+    exposures: Mapping[str, float] = MappingProxyType({})
+    """Exposures of the last sample's images: in stops by the camera's name, of colour, and in
+    seconds by ``<camera>.<modality>.exposure_time_s``, of digital numbers."""
 
     @property
     @abstractmethod

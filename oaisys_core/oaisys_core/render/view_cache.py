@@ -16,7 +16,7 @@ import numpy as np
 
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import FLOW, RENDERED, RGB, Frame, Provenance
+from oaisys_core.types import DIGITAL, FLOW, RENDERED, RGB, Frame, Provenance
 
 _LOG = logging.getLogger(__name__)
 
@@ -42,7 +42,8 @@ class ViewCache:
     A view's key is a digest of all that its frames depend on: seeds, configuration, backend,
     device, the world's content, each camera with its pose, and the render settings. Frames that
     depend on more than that have no key: optical flow (on the sample before), colour with sensor
-    noise (on the sample's number) and colour within a time budget (on the machine's speed).
+    noise and digital numbers (on the sample's number) and colour within a time budget (on the
+    machine's speed).
     """
 
     def __init__(self, max_bytes: int) -> None:
@@ -124,6 +125,7 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
     if FLOW in modalities:
         return False
     noisy = RGB in modalities and settings.effects.noise is not None
+    noisy |= not modalities.isdisjoint(DIGITAL)
     hurried = settings.time_budget_s is not None and not modalities.isdisjoint(RENDERED)
     return not noisy and not hurried
 

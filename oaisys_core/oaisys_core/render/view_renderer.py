@@ -15,9 +15,9 @@ from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     DEPTH,
+    LIT,
     POINTS,
     RANGE,
-    RGB,
     Frame,
     FrameName,
     LidarScan,
@@ -141,12 +141,12 @@ class ViewRenderer:
                 raise RenderError(f"{name.sensor}: its {name.modality} was not rendered")
         frames = tuple(by_name[name] for name in wanted)
         samples = self._backend.samples_per_pixel or settings.samples
-        has_color = any(name.modality == RGB for name in outline.frames)
-        exposures_ev = dict(self._backend.exposures_ev)
+        has_color = any(name.modality in LIT for name in outline.frames)
+        exposures = dict(self._backend.exposures)
         return RenderedView(
             frames,
             samples if has_color else 0,
-            json.dumps(exposures_ev) if exposures_ev else "",
+            json.dumps(exposures) if exposures else "",
         )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.scene.image_sensor import ImageSensor
 from oaisys_core.types import (
     FLOW,
     POINTS,
@@ -53,6 +54,7 @@ class PlacedCamera(ShortRepr):
             single camera.
         readout_s: Time from the first row's exposure to the last row's; 0 for a global shutter.
         exposure_s: Time for which each row is exposed, which blurs colour.
+        image_sensor: Makes digital numbers of light.
         pose_at: Poses during readout and exposure, from the middle of the first row's exposure on;
             None: the camera stands still.
     """
@@ -67,6 +69,7 @@ class PlacedCamera(ShortRepr):
     stereo_baseline_m: float = 0.0
     readout_s: float = 0.0
     exposure_s: float = 0.0
+    image_sensor: ImageSensor | None = None
     pose_at: PoseAtTime | None = None
 
     @property

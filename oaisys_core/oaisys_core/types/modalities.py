@@ -31,10 +31,26 @@ DISPARITY = "disparity"
 
 RADIANCE = "radiance"
 
+MONO16, RGB16 = "mono16", "rgb16"
+
+BAYER = {
+    "bayer_rggb16": "rggb",
+    "bayer_bggr16": "bggr",
+    "bayer_gbrg16": "gbrg",
+    "bayer_grbg16": "grbg",
+}
+"""Mosaics of filters: the bands of the first two rows' first two pixels."""
+
+DIGITAL = frozenset({MONO16, RGB16, *BAYER})
+"""Digital numbers of an image sensor; the names are those of ROS's image encodings."""
+
 COLORS = frozenset({RGB, ALBEDO})
 """Modalities that are pictures of 8 bits."""
 
-RENDERED = COLORS | {RADIANCE}
+LIT = DIGITAL | {RGB, RADIANCE}
+"""Modalities that depend on light."""
+
+RENDERED = LIT | {ALBEDO}
 """Modalities that are rendered; all others are cast, and depend neither on light nor on quality."""
 
 
@@ -71,6 +87,10 @@ _MODALITIES: Mapping[str, ModalitySpec] = {
     ALBEDO: ModalitySpec(np.dtype(np.uint8), 3),
     DISPARITY: ModalitySpec(np.dtype(np.float32), 1),
     RADIANCE: ModalitySpec(np.dtype(np.float32), 3),
+    **{
+        each: ModalitySpec(np.dtype(np.uint16), 3 if each == RGB16 else 1)
+        for each in sorted(DIGITAL)
+    },
 }
 
 _SEMANTIC = ModalitySpec(np.dtype(np.uint16), 1)
@@ -89,6 +109,8 @@ def modality_spec(modality: str) -> ModalitySpec:
       not hold (twice as far from the axis as the corners, or folded), or without a previous sample.
     * ``radiance``: W/(m² sr) in the bands red, green and blue, linear and never clipped; see
       `oaisys_core.procedural.environment.radiometry`.
+    * ``mono16``, ``rgb16``, ``bayer_rggb16`` and the other mosaics: digital numbers of the camera's
+      image sensor, see `oaisys_core.sensing.digitizing`.
     * ``disparity``: distance in pixels between the images of a stereo pair; 0 where nothing is hit.
 
     Raises:

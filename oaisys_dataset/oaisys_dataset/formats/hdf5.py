@@ -18,6 +18,7 @@ from oaisys_core.files.names import path_inside
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
+    DIGITAL,
     DISPARITY,
     FLOW,
     INSTANCE,
@@ -56,6 +57,7 @@ UNITS = {
     DISPARITY: "px",
     INSTANCE: "id",
     RADIANCE: "W/(m2 sr)",
+    **dict.fromkeys(DIGITAL, "DN"),
 }
 MEANING = {
     DEPTH: "planar z at the pixel's centre; +inf: nothing was hit",

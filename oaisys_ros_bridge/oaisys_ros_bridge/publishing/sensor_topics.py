@@ -25,6 +25,7 @@ from oaisys_core.geometry import T_LINK_OPTICAL, invert, transform
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
+    DIGITAL,
     DISPARITY,
     FLOW,
     INSTANCE,
@@ -68,6 +69,7 @@ ENCODING_BY_MODALITY = {
     ALBEDO: "rgb8",
     DISPARITY: "32FC1",
     RADIANCE: "32FC3",
+    **{each: each for each in DIGITAL},
 }
 
 DISTANCES = (DEPTH, RANGE)

@@ -61,7 +61,7 @@ def metered_pictures(
     for sky in skies:
         backend.update(replace(scene, sky=sky))
         (frame,) = backend.render_all([replace(camera, modalities=(RGB,))], wanted, ignore)
-        found.append((frame.data, backend.exposures_ev[camera.name]))
+        found.append((frame.data, backend.exposures[camera.name]))
     return found
 
 

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from oaisys_core import geometry
 from oaisys_core.config.section import Position, Positive, Quaternion, Section
 from oaisys_core.config.sections.faults import FaultsConfig
+from oaisys_core.config.sections.image_sensor import ImageSensorConfig
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
@@ -168,6 +169,7 @@ class CameraConfig(OpticsConfig):
             all rows at once (global shutter).
         exposure_s: Time for which each row is exposed; colour is blurred by the camera's motion
             meanwhile. 0: no motion blur by time.
+        image_sensor: Makes the digital numbers of ``mono16``, ``rgb16`` and ``bayer_*16``.
     """
 
     calibration: CalibrationConfig | None = None
@@ -186,6 +188,7 @@ class CameraConfig(OpticsConfig):
     rate_hz: float = Field(default=10.0, gt=0, le=10_000)
     readout_s: float = Field(default=0.0, ge=0, le=10)
     exposure_s: float = Field(default=0.0, ge=0, le=10)
+    image_sensor: ImageSensorConfig = ImageSensorConfig()
 
     @property
     def intrinsics(self) -> PinholeIntrinsics:

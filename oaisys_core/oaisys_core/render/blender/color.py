@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.errors import RenderError
 from oaisys_core.procedural.environment.light import white_gains
-from oaisys_core.procedural.environment.radiometry import radiance_w_m2_sr
 from oaisys_core.render.blender.camera import (
     camera_image,
     moving,
@@ -40,24 +39,25 @@ from oaisys_core.render.blender.time_budget import (
     lowest_quality,
 )
 from oaisys_core.render.geometry_pass import BackgroundGeometry
+from oaisys_core.render.light_images import light_images
 from oaisys_core.scene import Lens, PlacedCamera, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import ALBEDO, RADIANCE, RGB, PinholeIntrinsics
+from oaisys_core.types import ALBEDO, LIT, RGB, PinholeIntrinsics
 
 
 class ColorImages(NamedTuple):
     """What was rendered of a camera's colour.
 
     Attributes:
-        images: (H, W, 3) images by modality: sRGB bytes, and float32 radiance in W/(m² sr).
+        images: (H, W) or (H, W, 3) images by modality.
         samples_per_pixel: How many samples colour has.
-        exposure_ev: Exposure of colour, in stops.
+        exposures: See `Backend.exposures`.
     """
 
     images: dict[str, NDArray[np.generic]]
     samples_per_pixel: int
-    exposure_ev: float
+    exposures: dict[str, float]
 
 
 class ColorRenderer:
@@ -134,12 +134,15 @@ class ColorRenderer:
             image = camera_image(picture.pixels, pinhole, camera.intrinsics)
             rng = randomness.stream(settings.noise_seed, camera.name)
             images[RGB] = with_effects(image, settings.effects, camera.intrinsics, rng)
-        if RADIANCE in modalities:
+        exposures = {camera.name: picture.exposure_ev} if RGB in modalities else {}
+        if LIT.intersection(modalities) - {RGB}:
             seen = camera_image(picture.radiance, pinhole, camera.intrinsics)
-            images[RADIANCE] = radiance_w_m2_sr(seen, scene.sky)
+            physical = light_images(seen, camera, scene.sky, settings.noise_seed)
+            images |= physical.images
+            exposures |= physical.exposures
         if ALBEDO in modalities:
             images[ALBEDO] = camera_image(albedo_of(light), pinhole, camera.intrinsics)
-        return ColorImages(images, light.samples_per_pixel(settings), picture.exposure_ev)
+        return ColorImages(images, light.samples_per_pixel(settings), exposures)
 
     def albedo(
         self,

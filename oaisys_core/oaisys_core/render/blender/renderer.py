@@ -34,9 +34,8 @@ from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import (
     ALBEDO,
-    RADIANCE,
+    LIT,
     RENDERED,
-    RGB,
     FloatArray,
     Frame,
     LidarScan,
@@ -52,10 +51,6 @@ NOISY_SAMPLES = 2, 4
 With fewer samples, the noise of the light hides the gain. With more, the albedo that Cycles renders
 has less noise than `GroundAlbedo` has errors.
 """
-
-
-LIT = frozenset({RGB, RADIANCE})
-"""Modalities that light changes; they come from one render."""
 
 
 class BlenderBackend(Backend):
@@ -80,7 +75,7 @@ class BlenderBackend(Backend):
         self._surface: Surface | None = None
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
-        self.exposures_ev: dict[str, float] = {}
+        self.exposures: dict[str, float] = {}
 
     @property
     def device(self) -> str:  # type: ignore[override]
@@ -134,7 +129,7 @@ class BlenderBackend(Backend):
         """See `Backend.render`."""
         surface = self._require_built()
         self.samples_per_pixel = None
-        self.exposures_ev = {}
+        self.exposures = {}
         for camera in cameras:
             if RENDERED.intersection(camera.modalities):
                 check_precision(surface, camera)
@@ -214,7 +209,7 @@ class BlenderBackend(Backend):
                         places=places[camera.name],
                         ground=ground.get(camera.name),
                     )
-                    self._note(camera, found)
+                    self._note(found)
                     images = found.images
                 else:
                     seen = places[camera.name]
@@ -229,17 +224,17 @@ class BlenderBackend(Backend):
 
         Albedo comes with colour where nothing blurs this or veils it, and time is not short.
         """
-        wanted = tuple(each for each in (RGB, RADIANCE, ALBEDO) if each in camera.modalities)
-        if not wanted:
+        lit = tuple(each for each in camera.modalities if each in LIT)
+        albedo = tuple(each for each in camera.modalities if each == ALBEDO)
+        if not lit + albedo:
             return []
         surface = self._require_built()
         # For albedo alone, too, so that it does not depend on what is rendered beside it.
         chosen = adapt(surface, camera, settings)
         is_clear = _is_sharp(camera) and surface.scene.sky.haze is None
         if is_clear and settings.time_budget_s is None:
-            return [(camera, wanted, chosen)]
-        lit = tuple(each for each in wanted if each in LIT)
-        return [(camera, each, chosen) for each in (lit, wanted[len(lit) :]) if each]
+            return [(camera, lit + albedo, chosen)]
+        return [(camera, each, chosen) for each in (lit, albedo) if each]
 
     def _geometry(
         self,
@@ -278,9 +273,9 @@ class BlenderBackend(Backend):
         ground_albedo = self._scene_geometry.ground_albedo
         return ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
 
-    def _note(self, camera: PlacedCamera, found: ColorImages) -> None:
+    def _note(self, found: ColorImages) -> None:
         """Remember how a camera's colour was rendered, and the fewest samples of all cameras."""
-        self.exposures_ev[camera.name] = found.exposure_ev
+        self.exposures |= found.exposures
         samples = found.samples_per_pixel
         self.samples_per_pixel = min(samples, self.samples_per_pixel or samples)
 

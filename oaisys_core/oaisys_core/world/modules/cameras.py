@@ -83,6 +83,7 @@ def place_cameras(
             stereo_baseline_m=baselines_m.get(sensor.name, 0.0),
             readout_s=camera.readout_s,
             exposure_s=camera.exposure_s,
+            image_sensor=camera.image_sensor.image_sensor,
         )
         for sensor, camera in zip(sensors, cameras, strict=True)
     )

@@ -12,6 +12,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.sensing.effects import NO_EFFECTS, Bloom, Effects, SensorNoise
 from oaisys_core.sensing.exposure import AutoExposure
 from oaisys_core.sensing.render_settings import RenderSettings
+from oaisys_core.types import DIGITAL
 from oaisys_core.world.module import Metadata, SectionModule, World, override, require
 
 LIGHT_SEED = 0
@@ -82,7 +83,8 @@ class RenderModule(SectionModule[RenderConfig]):
     def apply(self, world: World, section: RenderConfig) -> None:
         """Set the render settings, except for the seed of the sensor noise."""
         world.render = _settings(section, self._offered)
-        self.changes_by_itself = world.render.effects.noise is not None
+        has_numbers = any(map(section.renders, DIGITAL & self._offered))
+        self.changes_by_itself = has_numbers or world.render.effects.noise is not None
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Apply the metadata, and draw the seed of this sample's sensor noise."""
