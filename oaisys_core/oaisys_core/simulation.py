@@ -224,7 +224,7 @@ class Simulation(BuiltWorld):
                 device=self._backend.device,
                 stage_seed=batch.seeds.stage_seed,
                 asset_seed=batch.seeds.asset_seed,
-                metadata_json=metadata_text(batch.in_force),
+                metadata_json=metadata_text(batch.in_force, batch.drawn),
                 previous_poses_json=previous_poses_text(due.all, batch.last_rig_poses),
                 motion_json="" if motion is None else motion.text(),
             ),

@@ -65,7 +65,8 @@ class FrameRecord(SensorRecord):
         world, view: Counted from 0; the simulation's batch and sample are each one more.
         split: ``train``, ``val``, ``test`` or another name; that of its world.
         world_seed: Seed that the world was drawn from.
-        metadata: What the world and the view were given beyond the configuration.
+        metadata: What the world and the view were given beyond the configuration; ``drawn`` is what
+            was drawn of it for this world, by path.
         T_map_camera: 4x4 pose of the camera's optical frame (x right, y down, z forward) in
             ``map``.
         intrinsics: The camera, as `oaisys_core.output.records.intrinsics_record` writes it.

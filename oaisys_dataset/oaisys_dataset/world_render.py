@@ -17,6 +17,7 @@ from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, Frame, LidarScan, ObjectQuery, Sample
+from oaisys_core.world.batch import DRAWN
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure, WorldLegend
 from oaisys_dataset.plan import WorldTask
 from oaisys_dataset.records import frame_id
@@ -37,15 +38,23 @@ class EncodedView(NamedTuple):
 
 @dataclass(frozen=True)
 class _View:
-    """A view that is rendered, and not encoded yet; ``seconds`` is what all of it took.
+    """A view that is rendered, and not encoded yet.
 
-    ``sun_deg`` is the sun's elevation and azimuth.
+    Attributes:
+        number: Its number.
+        sample: What was rendered.
+        seconds: What all of it took.
+        sun_deg: Elevation and azimuth of the sun.
+        s_per_view: Simulated time from one view to the next.
+        drawn: What was drawn of the configuration for its world.
     """
 
     number: int
     sample: Sample
     seconds: float
     sun_deg: tuple[float, float]
+    s_per_view: float
+    drawn: Mapping[str, Any]
 
 
 class WorldRenderer:
@@ -67,7 +76,6 @@ class WorldRenderer:
         """
         self._simulation = Simulation(config)
         self._worker = worker
-        self._s_per_view = _s_per_view(config)
         self._software = software(self._simulation)
 
     def render(self, task: WorldTask) -> Iterator[EncodedView | WorldLegend | WorldFailure]:
@@ -85,7 +93,9 @@ class WorldRenderer:
                     doing = f"view {number}"
                     sample = self._simulation.step_sample()
                     now_s = time.perf_counter()
-                    view = _View(number, sample, now_s - begun_s, self._sun_deg())
+                    view = _View(
+                        number, sample, now_s - begun_s, self._sun_deg(), *self._of_world()
+                    )
                     measured += len(sample.frames) + len(sample.scans)
                     begun_s = now_s
                     if encoding is not None:
@@ -116,7 +126,7 @@ class WorldRenderer:
         shared = self._common_fields(task, view, max(1, len(by_sensor) + len(scans)))
         return EncodedView(
             view.number,
-            tuple(_encode_frame(frames, shared, view.sun_deg) for frames in by_sensor.values()),
+            tuple(_encode_frame(frames, shared, view) for frames in by_sensor.values()),
             tuple(_encode_scan(scan, shared) for scan in scans),
         )
 
@@ -129,13 +139,17 @@ class WorldRenderer:
             "split": task.split,
             "world_seed": task.seed,
             "config_sha256": sample.provenance.config_sha256,
-            "stamp_s": view.number * self._s_per_view,
+            "stamp_s": view.number * view.s_per_view,
             "provenance": asdict(sample.provenance),
             "rig_pose": asdict(sample.rig_pose),
             "worker": self._worker,
             "seconds": round(view.seconds / records, 3),
             "software": self._software,
         }
+
+    def _of_world(self) -> tuple[float, Mapping[str, Any]]:
+        """Return what all views of the current world have in common."""
+        return _s_per_view(self._simulation.world_config), self._simulation.drawn
 
     def _sun_deg(self) -> tuple[float, float]:
         """Return the elevation and azimuth of the sun in the current view."""
@@ -156,20 +170,18 @@ class WorldRenderer:
         return WorldLegend(dict(self._simulation.info().semantic_labels), instances)
 
 
-def _encode_frame(
-    frames: Sequence[Frame], shared: Mapping[str, Any], sun_deg: tuple[float, float]
-) -> EncodedFrame:
+def _encode_frame(frames: Sequence[Frame], shared: Mapping[str, Any], view: _View) -> EncodedFrame:
     """Return the frame of a camera from its images at a view."""
     first = frames[0]
     record = FrameRecord(
         frame_id=frame_id(shared["world"], shared["view"], first.sensor),
         sensor=first.sensor,
-        metadata={},
+        metadata={DRAWN: dict(view.drawn)} if view.drawn else {},
         T_map_camera=_rows(first.T_map_camera),
         intrinsics=intrinsics_record(first.intrinsics),
         images={},
-        sun_elevation_deg=sun_deg[0],
-        sun_azimuth_deg=sun_deg[1],
+        sun_elevation_deg=view.sun_deg[0],
+        sun_azimuth_deg=view.sun_deg[1],
         **shared,
     )
     return encode_frame(record, {frame.modality: frame.data for frame in frames})

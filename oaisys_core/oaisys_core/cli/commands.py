@@ -58,12 +58,23 @@ def show(
     backend: BackendOption = None,
     quality: QualityOption = None,
     size: SizeOption = None,
+    world: Annotated[
+        int | None,
+        typer.Option(
+            help="Print the configuration of this world, counted from 0, with all that it draws.",
+            min=0,
+        ),
+    ] = None,
 ) -> None:
     """Print the complete configuration, defaults included, as JSON (which is also YAML)."""
     from oaisys_core.config import SimulationConfig, adjust, load_config
+    from oaisys_core.config.worlds import WorldSeeds, draw_world
+    from oaisys_core.randomness import batch_seed
 
     loaded = load_config(config) if config else SimulationConfig()
     shown = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    if world is not None:
+        shown = draw_world(shown, WorldSeeds.of(batch_seed(shown.seed, world + 1))).config
     typer.echo(json.dumps(shown.model_dump(mode="json"), indent=2))
 
 

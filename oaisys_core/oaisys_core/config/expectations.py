@@ -149,11 +149,11 @@ def refusal(error: ValidationError, data: object, kind: Any, *path: str) -> Inva
 
 def _keys_of_section(kind: Any, data: Any, path: Iterable[int | str]) -> set[str]:
     """Return the keys of the section at a path below a type, or of all that it may be."""
-    kinds = _alternatives(kind, data)
+    kinds = alternatives(kind, data)
     for part in path:
         data = data[part]
-        inner = [each for kind in kinds for each in _inner(kind, part)]
-        kinds = [each for kind in inner for each in _alternatives(kind, data)]
+        inner = [each for kind in kinds for each in inner_types(kind, part)]
+        kinds = [each for kind in inner for each in alternatives(kind, data)]
     return {key for kind in kinds if _is_section(kind) for key in kind.model_fields}
 
 
@@ -161,12 +161,12 @@ def _is_section(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, Section)
 
 
-def _alternatives(kind: Any, data: Any) -> list[Any]:
+def alternatives(kind: Any, data: Any) -> list[Any]:
     """Return the types that a union joins, without sections for data of another ``kind``."""
     if get_origin(kind) is Annotated:
-        return _alternatives(get_args(kind)[0], data)
+        return alternatives(get_args(kind)[0], data)
     if get_origin(kind) in (Union, UnionType):
-        return [each for part in get_args(kind) for each in _alternatives(part, data)]
+        return [each for part in get_args(kind) for each in alternatives(part, data)]
     if _is_section(kind) and isinstance(data, Mapping) and "kind" in data:
         tag = kind.model_fields.get("kind")
         if tag is not None and get_origin(tag.annotation) is Literal:
@@ -174,7 +174,7 @@ def _alternatives(kind: Any, data: Any) -> list[Any]:
     return [kind]
 
 
-def _inner(kind: Any, part: int | str) -> list[Any]:
+def inner_types(kind: Any, part: int | str) -> list[Any]:
     """Return the types that an entry of a section, a mapping or a list may have."""
     if not _is_section(kind):
         return list(get_args(kind))
@@ -191,7 +191,7 @@ def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]
         is_index = isinstance(here, list | tuple) and isinstance(part, int) and part < len(here)
         if is_key or is_index:
             here = here[part]  # type: ignore[index]
-        elif index < len(loc) - 1 or "[" in str(part):
+        elif index < len(loc) - 1 or "[" in str(part) or not isinstance(here, Mapping | list):
             continue
         location.append(part)
     return tuple(location)

@@ -5,11 +5,32 @@ Lengths are in metres, angles in degrees; pixel coordinates follow OpenCV's conv
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import (
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import to_jsonable_python
 
+from oaisys_core.config.draw_checks import (
+    check_labels,
+    check_options,
+    error_at,
+    error_of,
+    errors_below,
+)
+from oaisys_core.config.draws import Draws, put_back, separate
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
 from oaisys_core.config.sections.density import LayerDensity
@@ -19,11 +40,14 @@ from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
-from oaisys_core.errors import one_of, quote
+from oaisys_core.config.variants import VariantConfig
+from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
 
 GENERATOR_VERSION = 11
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
 beyond the stage, and a brighter sky beside the sun."""
+
+MAX_VARIANTS = 100
 
 
 class OutputConfig(Section):
@@ -55,6 +79,7 @@ class SimulationConfig(Section):
         backend: The renderer.
         drive: A timed drive; null for none.
         extensions: Modules of other packages by name, each with its options.
+        variants: Kinds of worlds, of which each world has one; empty: all are as the file says.
     """
 
     seed: int = Field(default=1, ge=0, lt=2**63)
@@ -69,6 +94,91 @@ class SimulationConfig(Section):
     output: OutputConfig = OutputConfig()
     drive: DriveConfig | None = None
     extensions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    variants: tuple[VariantConfig, ...] = Field(default=(), max_length=MAX_VARIANTS)
+    _draws: Draws = PrivateAttr(default_factory=dict)
+
+    @property
+    def draws(self) -> Draws:
+        """What each world draws, by location; the fields hold the first possible values."""
+        return self._draws
+
+    def with_first_values(self) -> SimulationConfig:
+        """Return the configuration without draws and variants: the first possible values stay."""
+        config = self.model_copy(update={"variants": ()})
+        object.__setattr__(config, "_draws", {})
+        return config
+
+    @property
+    def label_names(self) -> dict[int, str]:
+        """Labels by id, of the first possible values."""
+        items = (
+            *self.materials.items_with_labels,
+            *self.assets.items_with_labels,
+            *self.environment.items_with_labels,
+        )
+        return {i: label for thing in items for i, label in thing.labels.items() if i}
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _separate_draws(
+        cls,
+        data: Any,
+        handler: ModelWrapValidatorHandler[SimulationConfig],
+        info: ValidationInfo,
+    ) -> SimulationConfig:
+        """Check the configuration with each value that a world may draw."""
+        if not isinstance(data, dict):
+            return handler(data)
+        try:
+            plain, draws = separate(data, cls)
+        except InvalidInputError as error:
+            raise error_of(error) from error
+        config = handler(plain)
+
+        def check(each: dict[str, Any]) -> SimulationConfig:
+            return cls.model_validate(each, context=info.context)
+
+        plain.pop("variants", None)
+        if draws:
+            object.__setattr__(config, "_draws", check_options(plain, draws, data, cls, check))
+        return config.complete_variants(check) if config.variants else config
+
+    def complete_variants(
+        self, check: Callable[[dict[str, Any]], SimulationConfig]
+    ) -> SimulationConfig:
+        """Return the configuration with the complete sections of each variant, checked."""
+        base = self.model_dump()
+        del base["variants"]
+        complete: list[VariantConfig] = []
+        labels: dict[int, str] = {}
+        for index, variant in enumerate(self.variants):
+            place = ("variants", index)
+            try:
+                data = variant.apply_to(base)
+            except ConfigError as error:
+                where = (*place, "file")
+                raise error_at(where, str(variant.file), f"a valid file: {error}") from error
+            try:
+                checked = check(data)
+            except ValidationError as error:
+                raise errors_below(error, data, type(self), place) from error
+            check_labels(labels, checked.label_names, place, variant.name)
+            complete.append(variant.completed(checked.model_dump()))
+        return self.model_copy(update={"variants": tuple(complete)})
+
+    @model_serializer(mode="wrap")
+    def _with_draws(
+        self, handler: SerializerFunctionWrapHandler, info: SerializationInfo
+    ) -> dict[str, Any]:
+        """Return the data with the draws at their places, and without variants if there are none.
+
+        So the configuration of worlds that draw nothing has the hash that it always had.
+        """
+        data: dict[str, Any] = handler(self)
+        if not self.variants:
+            data.pop("variants", None)
+        draws = put_back(data, self._draws)
+        return to_jsonable_python(draws) if info.mode == "json" else draws
 
     @field_validator("generator_version")
     @classmethod

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.config.schema import all_models, config_schema
+from oaisys_core.config.schema import all_models, described_schema
 
 HEAD = """# Configuration
 
@@ -18,6 +18,33 @@ and `config/schema.json` is the same reference for editors.
 
 Lengths are in metres, angles in degrees. Pixel centres are at integers, as in OpenCV. A *range* is
 `[least, most]` or a single number for both; the value is drawn uniformly from it.
+
+## Values that each world draws
+
+In `stage`, `materials`, `assets`, `environment` and `sensors.motion`, a world may draw any value:
+
+* `relief_m: [1, 8]`, at a key that takes a number: a number between both, with both ends; a whole
+  one where only those are allowed.
+* `preset: [mounds, canyon]`, at a key that takes no list: one of them. `null` and sections may be
+  among them: `water: [null, {level_share: 0.2, semantic_id: 30}]`.
+* `{choose: [1, 4, 8], weights: [2, 1, 1]}`, anywhere, also for colours, items of lists and whole
+  sections: one of them, by weights if there are any.
+* `{range: [1, 8]}` is the same as `[1, 8]`, in full.
+
+A list keeps its meaning at keys that take a range, a list, or several numbers. Each value is drawn
+from the world's seed and its own path (names stand for places in lists), so that one more draw
+changes no other. All values are checked when the file is read; `oaisys config check` also looks for
+files, names, and values that do not fit together. `oaisys config show --world 3` prints what the
+fourth world has drawn.
+
+`variants` is a list of kinds of worlds, each with the keys of these sections that differ. Label ids
+are those of the whole file: an id with two names is refused.
+
+```yaml
+variants:
+  - {name: hills, weight: 3, stage: {preset: mounds, relief_m: [2, 8]}}
+  - {name: flat, stage: {preset: plane}, environment: {haze: {visibility_m: [200, 2000]}}}
+```
 """
 MAX_PLACES = 5
 """Largest number of places of a section that are listed."""
@@ -27,7 +54,7 @@ Schema = Mapping[str, Any]
 
 def reference_text() -> str:
     """Return the content of ``docs/configuration.md``."""
-    schema = config_schema()
+    schema = described_schema()
     places = _places(schema)
     sections = [
         _section(schema if name == SimulationConfig.__name__ else schema["$defs"][name], at)

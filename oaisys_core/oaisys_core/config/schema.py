@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
+from oaisys_core.config.draw_schema import allow_draws
 from oaisys_core.config.model import SimulationConfig
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -21,7 +22,12 @@ NONE = re.compile(r"\bNone\b")
 
 
 def config_schema() -> dict[str, Any]:
-    """Return the JSON Schema of the configuration, with a description of each key."""
+    """Return the JSON Schema of configuration files, in which values may be drawn."""
+    return allow_draws(described_schema())
+
+
+def described_schema() -> dict[str, Any]:
+    """Return the JSON Schema of values that are not drawn, with a description of each key."""
     schema = SimulationConfig.model_json_schema(schema_generator=_WithoutTitles)
     definitions = schema["$defs"] | {SimulationConfig.__name__: schema}
     for name, model in all_models(SimulationConfig).items():

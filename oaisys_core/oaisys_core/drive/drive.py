@@ -160,7 +160,7 @@ class Drive:
     def metadata_at(self, time_ns: int) -> ModuleMetadata:
         """Return what moves rig and movers to where they are at a time of the drive."""
         time_s, trajectory = time_ns / NANOSECONDS, self.plan.trajectory
-        movers = [mover.trajectory for mover in self._config.assets.movers]
+        movers = [mover.trajectory for mover in self._simulation.world_config.assets.movers]
         moves = any(mover.speed_m_s is not None for mover in movers)
         return ModuleMetadata(
             sensor={"pose": trajectory.pose(time_s)},

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core.config import SimulationConfig, config_sha256
+from oaisys_core.config.worlds import WorldSeeds, draw_world
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.procedural.environment.low_sun import LowSunWarning
 from oaisys_core.render import make_backend
@@ -36,7 +37,8 @@ from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
 from oaisys_core.world.height_grids import Extent, height_grid
 from oaisys_core.world.module import World, require
 from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
-from oaisys_core.world.reuse import section_sha256
+from oaisys_core.world.modules import SensorsModule, StageModule
+from oaisys_core.world.reuse import assets_sha256
 
 
 class BuiltWorld:
@@ -66,9 +68,8 @@ class BuiltWorld:
         """
         self._config = config
         self._config_sha256 = config_sha256(config)
-        self._assets_sha256 = section_sha256(config.assets)
+        self._assets_sha256 = assets_sha256(config)
         self._modules = ModuleSet.of(config)
-        self._stage, self._sensors = self._modules.stage, self._modules.sensors
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = ViewRenderer(self._backend, pose_cache_bytes, place_frames)
         self._low_sun = LowSunWarning()
@@ -98,6 +99,17 @@ class BuiltWorld:
             device=self._backend.device,
             group_counts=batch.world.group_counts if batch else (),
         )
+
+    @property
+    def world_config(self) -> SimulationConfig:
+        """The configuration of the current world, in which all that worlds draw is drawn."""
+        self._current()
+        return self._modules.config
+
+    @property
+    def drawn(self) -> Mapping[str, Any]:
+        """What was drawn of the configuration for the current world, by path."""
+        return self._current().drawn
 
     @property
     def batch_seed(self) -> int:
@@ -215,6 +227,14 @@ class BuiltWorld:
         self._batch = None
         self._backend.close()
 
+    @property
+    def _stage(self) -> StageModule:
+        return self._modules.stage
+
+    @property
+    def _sensors(self) -> SensorsModule:
+        return self._modules.sensors
+
     def _current(self) -> Batch:
         if self._batch is None:
             raise NotReadyError("there is no world yet: step a batch first (StepBatch)")
@@ -229,8 +249,13 @@ class BuiltWorld:
     ) -> Batch:
         """Draw a world and let the backend build it; if building fails there is no world."""
         return_freed_memory()
-        batch = self._modules.draw(batch_id, seeds, metadata, self._batch, progress)
-        self._batch, self._undo = None, None
+        modules, drawn = self._modules, {}
+        if self._config.draws or self._config.variants:
+            world = draw_world(self._config, WorldSeeds(**vars(seeds)))
+            modules, drawn = modules.for_world(world.config), dict(world.drawn)
+        batch = modules.draw(batch_id, seeds, metadata, self._batch, progress)
+        batch.drawn = drawn
+        self._batch, self._undo, self._modules = None, None, modules
         self._views.forget_world()
         self._backend.build(
             batch.world.scene(),

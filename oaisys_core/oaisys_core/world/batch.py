@@ -21,6 +21,9 @@ from oaisys_core.world.module import World
 MAX_METADATA_BYTES = 1 << 20
 """Largest size of the metadata in force, which is stored with every sample."""
 
+DRAWN = "drawn"
+"""Key of the metadata in force with what was drawn of the configuration."""
+
 PARTS = ("sensor", "environment", "asset", "render", "custom")
 
 
@@ -48,6 +51,7 @@ class Batch:
         in_force: Metadata with which a new batch reaches the current state of the modules.
         sample_id: Id of the last sample; 0 before the first.
         last_rig_poses: By sensor name, the pose of the rig when that sensor last rendered.
+        drawn: What was drawn of the configuration for this world, by path.
     """
 
     id: int
@@ -57,6 +61,7 @@ class Batch:
     in_force: ModuleMetadata = field(default_factory=ModuleMetadata)
     sample_id: int = 0
     last_rig_poses: Mapping[str, Pose] = field(default_factory=dict)
+    drawn: Mapping[str, Any] = field(default_factory=dict)
 
     def to_state(self, rig_pose: Pose) -> dict[str, Any]:
         """Return JSON-compatible data from which `from_state` restores the batch."""
@@ -111,13 +116,18 @@ class Snapshot:
             vars(each).update(state)
 
 
-def metadata_text(metadata: ModuleMetadata) -> str:
+def metadata_text(metadata: ModuleMetadata, drawn: Mapping[str, Any] | None = None) -> str:
     """Return metadata as canonical JSON, without the pose, which is stored separately.
+
+    Args:
+        metadata: The metadata.
+        drawn: What was drawn of the configuration, for readers: it is drawn again from the seeds.
 
     Raises:
         InvalidInputError: It is longer than `MAX_METADATA_BYTES`, or not representable in JSON.
     """
     given = {name: part for name, part in _parts(metadata).items() if part}
+    given |= {DRAWN: dict(drawn)} if drawn else {}
     text = json.dumps(given, default=_plain, sort_keys=True, separators=(",", ":"))
     if len(text) > MAX_METADATA_BYTES:
         expected = f"at most {MAX_METADATA_BYTES} bytes of metadata in force, as JSON"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from pydantic import BaseModel
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.materials import LookConfig
+from oaisys_core.config.worlds import contradictions, possible_configs
 from oaisys_core.errors import BackendUnavailableError, ConfigError, InvalidInputError
 from oaisys_core.procedural.environment.hdri import images_of, read_radiance
 from oaisys_core.procedural.meshes.files import load_mesh
@@ -29,22 +31,25 @@ def name_faults(config: SimulationConfig) -> list[str]:
     """Return one line, starting with the path, for each name or file that is missing or invalid.
 
     All modules are created as for rendering, and the files of the stage are read. Nothing is
-    rendered, and no texture is made.
+    rendered, and no texture is made. Each value that a world may draw is checked, and some worlds
+    are drawn, whose values may not fit together.
     """
     found: list[str] = []
-    for check in _checks(config):
+    for check in _checks_of_all(config):
         try:
             check()
         except (InvalidInputError, ConfigError, BackendUnavailableError) as error:
             found.extend(str(error).splitlines())
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys((*found, *contradictions(config))))
 
 
 def texture_notes(config: SimulationConfig) -> list[str]:
     """Return for each texture folder which map is used for what, and what is left aside."""
-    folders = [look.folder for look in _looks(config) if look.folder is not None]
-    for pool in config.materials.pools:
-        folders.extend(layer.folder for layer in pool_layers(pool) if layer.folder is not None)
+    folders: list[Path] = []
+    for each in possible_configs(config):
+        folders.extend(look.folder for look in _looks(each) if look.folder is not None)
+        for pool in each.materials.pools:
+            folders.extend(layer.folder for layer in pool_layers(pool) if layer.folder is not None)
     return [describe_texture_folder(folder) for folder in dict.fromkeys(folders)]
 
 
@@ -59,6 +64,16 @@ def _looks(value: object) -> Iterator[LookConfig]:
     if isinstance(value, list | tuple):
         for each in value:
             yield from _looks(each)
+
+
+def _checks_of_all(config: SimulationConfig) -> Iterator[Callable[[], object]]:
+    """Yield the checks of all that a configuration may become, but each section only once."""
+    checked: list[tuple[object, ...]] = []
+    for each in possible_configs(config):
+        sections = (each.stage, each.materials, each.assets, each.environment, each.sensors)
+        if sections not in checked:
+            checked.append(sections)
+            yield from _checks(each)
 
 
 def _checks(config: SimulationConfig) -> Iterator[Callable[[], object]]:

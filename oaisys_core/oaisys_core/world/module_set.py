@@ -33,8 +33,11 @@ class ModuleSet:
     """The modules, in the order in which they draw.
 
     Attributes:
+        config: What they were made from.
         stage, assets, sensors: The modules in `all` that have further methods.
     """
+
+    config: SimulationConfig
 
     stage: StageModule
     assets: AssetsModule
@@ -50,18 +53,43 @@ class ModuleSet:
         """
         stage = StageModule(config.stage, lowest_sun_rad(config.environment))
         sensors = SensorsModule(config.sensors)
-        materials = config.materials
-        assets = AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed)
+        assets = AssetsModule(config.assets, *_rock_textures(config))
         modules: tuple[Module, ...] = (
             stage,
-            MaterialsModule(materials),
+            MaterialsModule(config.materials),
             assets,
             EnvironmentModule(config.environment),
             sensors,
             RenderModule(config.render, config.sensors.modalities),
             *make_modules(config.extensions),
         )
-        return cls(stage, assets, sensors, modules)
+        return cls(config, stage, assets, sensors, modules)
+
+    def for_world(self, config: SimulationConfig) -> ModuleSet:
+        """Return the modules of a world whose configuration was drawn, set up.
+
+        A module whose configuration is the same is kept, with its state.
+
+        Raises:
+            ConfigError: The configuration names something that does not exist.
+        """
+        before, now = self.config, config
+        assets, sensors = self.assets, self.sensors
+        _, materials, _, environment, _, *others = self.all
+        stage = self.stage.with_config(now.stage, lowest_sun_rad(now.environment))
+        if now.materials != before.materials:
+            materials = MaterialsModule(now.materials)
+            materials.setup()
+        if (now.assets, _rock_textures(now)) != (before.assets, _rock_textures(before)):
+            assets = AssetsModule(now.assets, *_rock_textures(now))
+            assets.setup()
+        if now.environment != before.environment:
+            environment = EnvironmentModule(now.environment)
+            environment.setup()
+        if now.sensors != before.sensors:
+            sensors = SensorsModule(now.sensors)
+        modules = (stage, materials, assets, environment, sensors, *others)
+        return ModuleSet(config, stage, assets, sensors, modules)
 
     def setup(self) -> None:
         """Set up all modules."""
@@ -149,6 +177,10 @@ def _note_in_force(batch: Batch, modules: Iterable[Module]) -> None:
         (own if name in OWN_PARTS else custom)[name] = part
     custom = {name: part for name, part in custom.items() if part}
     batch.in_force = replace(batch.in_force, **own, custom=custom)
+
+
+def _rock_textures(config: SimulationConfig) -> tuple[int, int]:
+    return config.materials.texture_size_px, config.materials.texture_seed
 
 
 def _seed_of(module: Module, seeds: BatchSeeds) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from oaisys_core.config.section import Section
+from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.stage import ReuseConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata, merge
@@ -88,9 +88,11 @@ def stage_record(batch: Batch, assets_sha256: str) -> StageRecord:
     )
 
 
-def section_sha256(section: Section) -> str:
-    """Return the hash of a section of the configuration."""
-    text = json.dumps(section.model_dump(mode="json"), sort_keys=True)
+def assets_sha256(config: SimulationConfig) -> str:
+    """Return the hash of what objects are drawn from, in all variants."""
+    data = config.model_dump(mode="json")
+    sections = [data["assets"], *(variant["assets"] for variant in data.get("variants", ()))]
+    text = json.dumps(sections if config.variants else sections[0], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -67,7 +67,6 @@ class TruthCheck:
         self._simulation = Simulation(config, AnalyticBackend())
         self._rng = rng
         self._has_faults = config.sensors.faults.of_depth is not None
-        self._differs_by_view = bool(config.assets.movers) or config.stage.detail is not None
         self._scans = ScanCheck(config, rng)
         cameras = config.sensors.all_cameras
         self._rolling = frozenset(camera.name for camera in cameras if camera.readout_s)
@@ -94,20 +93,26 @@ class TruthCheck:
         for view in sorted(chosen.tolist()):
             of_view = [record for record in records if record.view == view]
             changes = of_view[0].provenance["metadata_json"]
-            if surface is None or reference is None or self._differs_by_view or changes != geometry:
+            is_same = changes == geometry and not self._differs_by_view()
+            if surface is None or reference is None or not is_same:
                 geometry, mesh = changes, self._rebuilt(of_view[0])
                 surface = WorldSurface(mesh)
                 reference = ReferenceScene(self._simulation.scene, mesh)
             self._check_legend(world, legend, result)
             self._audit_view(dataset, of_view, reference, surface, result)
             self._check_scans(dataset, [s for s in scans if s.view == view], surface, result)
-        if surface is not None and not self._differs_by_view:
+        if surface is not None and not self._differs_by_view():
             for record in _others(records, chosen, geometry):
                 self._check_points(dataset.sample(record, _only(record, DEPTH)), surface, result)
             others = _others(scans, chosen, geometry)
             self._check_scans(dataset, others, surface, result)
         self._judge(world, result)
         return result
+
+    def _differs_by_view(self) -> bool:
+        """Return whether the current world's surface is another one in each view."""
+        config = self._simulation.world_config
+        return bool(config.assets.movers) or config.stage.detail is not None
 
     def _rebuilt(self, record: FrameRecord) -> TriangleMesh:
         """Make the world of a frame again, as it was at that view, and return its surface."""

@@ -62,6 +62,14 @@ class StageModule(Module):
         self._lowest_sun_rad = lowest_sun_rad
         self._hash = ""
 
+    def with_config(self, config: StageConfig, lowest_sun_rad: float | None) -> StageModule:
+        """Return the module with another configuration, or itself if it has that one."""
+        if (config, lowest_sun_rad) == (self._config, self._lowest_sun_rad):
+            return self
+        module = StageModule(config, lowest_sun_rad)
+        module._hash = self._hash  # of a stage that may be kept
+        return module
+
     def check(self, metadata: Metadata) -> None:
         """Raise on unknown keys, invalid values and presets that do not exist."""
         config = override(self._config, metadata, self.metadata_part)
