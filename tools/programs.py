@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.python_programs import python_environment
 
 ROOT = Path(__file__).parents[1]
@@ -26,4 +27,4 @@ def tool_environment(*first: Path) -> dict[str, str]:
     given = os.environ.get(PATH_VARIABLE, "").split(os.pathsep)
     folders = [*map(str, (*first, ROOT)), *filter(None, given)]
     path = os.pathsep.join(dict.fromkeys(folders))
-    return python_environment({**os.environ, PATH_VARIABLE: path})
+    return python_environment({**os.environ, PATH_VARIABLE: path}) | owner_variables()

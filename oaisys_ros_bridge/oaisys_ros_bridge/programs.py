@@ -6,6 +6,7 @@ import sys
 from importlib import import_module
 
 from oaisys_core.errors import ShortageError
+from oaisys_core.system.owner import follow_owner
 from oaisys_core.system.signals import exit_at_signals
 
 
@@ -31,6 +32,7 @@ def recorder() -> int:
 
 def _run(name: str) -> int:
     exit_at_signals()
+    follow_owner()
     try:
         module = import_module(f"oaisys_ros_bridge.nodes.{name}")
     except ShortageError as error:

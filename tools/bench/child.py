@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.system.owner import follow_owner
 from oaisys_core.system.python_programs import python_command
 from tools.bench.settings import Say, Settings
 from tools.programs import ROOT, tool_environment
@@ -158,6 +159,7 @@ def _end_of(log: Path) -> str:
 
 def main() -> None:
     """Run one job and write its result to what was standard output."""
+    follow_owner()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("module")
     parser.add_argument("function")

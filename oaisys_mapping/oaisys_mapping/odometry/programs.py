@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.system.owner import command_with_owner
 from oaisys_core.system.python_programs import python_environment
 
 TIMEOUT_S = 1800.0
@@ -50,7 +51,7 @@ def run_program(
     name = Path(command[0]).name
     try:
         done = subprocess.run(
-            [str(part) for part in command],
+            command_with_owner([str(part) for part in command]),
             cwd=home,
             env=environment,
             stdin=subprocess.DEVNULL,

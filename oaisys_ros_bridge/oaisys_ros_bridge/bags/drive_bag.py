@@ -26,8 +26,8 @@ from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sensor_topics import (
     SensorTopics,
+    find_left_camera,
     image_topic,
-    left_camera,
     sensor_namespace,
 )
 from oaisys_ros_bridge.qos import CLOCK_QOS, LATCHED_QOS
@@ -72,7 +72,7 @@ class DriveBag:
                 each,
                 sensor_namespace(each.name, info.sensors),
                 prefix,
-                left_camera(each, info.sensors),  # the bridge's default
+                find_left_camera(each, info.sensors),  # the bridge's default
             )
             for each in info.sensors
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_core.types import DEPTH, is_rendered
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
@@ -74,7 +76,7 @@ def write_config(options: ExperimentOptions) -> Path:
         command += [f"--{name}", value]
     result = subprocess.run(
         command,
-        env=python_environment(),
+        env=python_environment() | owner_variables(signal.SIGKILL),
         capture_output=True,
         text=True,
         check=False,

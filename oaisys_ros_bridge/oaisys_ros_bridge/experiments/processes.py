@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
+from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.private_files import open_private
 from oaisys_core.system.python_programs import python_environment
 from oaisys_core.system.signals import defer_signals
@@ -32,7 +33,8 @@ class ManagedProcess:
     """A program in a session of its own; a context manager.
 
     Leaving the block sends SIGINT to the program, then SIGKILL to its whole session. A program that
-    has not ended by then is told of in a warning.
+    has not ended by then is told of in a warning. If this process is killed, the program, which
+    must be one of ours, ends at SIGTERM.
     """
 
     def __init__(
@@ -51,7 +53,7 @@ class ManagedProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=output,
-                env=python_environment(environment),
+                env=python_environment(environment) | owner_variables(),
                 start_new_session=True,
             )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext
+from oaisys_core.system.owner import command_with_owner
 from oaisys_ros_bridge.launching.arguments import Argument
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings, node_settings
@@ -98,6 +100,11 @@ def rviz(
         executable="rviz2",
         namespace=namespace,
         arguments=["-d", str(file)],
+        prefix=[
+            shlex.join(command_with_owner([])),
+            " ",
+            LaunchConfiguration("launch-prefix", default=""),
+        ],
         parameters=[{"use_sim_time": use_sim_time}],
         remappings=tf_remappings(namespace, frame_prefix),
     )

@@ -8,6 +8,7 @@ from launch.action import Action
 from launch.actions import ExecuteProcess
 
 from launch import LaunchContext
+from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import end_all, value_of
 from oaisys_ros_bridge.launching.readiness import on_ready
@@ -48,5 +49,6 @@ def _drive(context: LaunchContext, namespace: str) -> ExecuteProcess:
         cmd=[*command, *namespace_arguments(namespace)],
         name="drive",
         output="screen",
+        additional_env=owner_variables(),
         on_exit=end_all("the drive has ended"),
     )

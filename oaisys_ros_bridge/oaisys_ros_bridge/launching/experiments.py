@@ -9,6 +9,7 @@ from launch.action import Action
 from launch.actions import ExecuteProcess, OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription
+from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import declare, end_all, rviz, value_of
 from oaisys_ros_bridge.launching.arguments import RVIZ, Argument, command_line, ros_environment
@@ -49,7 +50,7 @@ def _start(
         cmd=python_command("oaisys_core", command, *command_line(options, values)),
         name=command,
         output="screen",
-        additional_env=ros_environment(),
+        additional_env=ros_environment() | owner_variables(),
         sigterm_timeout=END_TIMEOUT_S,
         on_exit=end_all(f"{command} has ended"),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchContext
+from oaisys_core.system.owner import command_with_owner, owner_variables
 from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import (
     end_all,
@@ -67,6 +69,7 @@ def start_simulator(
         cmd=command,
         name="simulator",
         output="screen",
+        additional_env=owner_variables(),
         sigterm_timeout=END_TIMEOUT_S,
         # Nothing works without it.
         on_exit=end_all("the simulator has ended"),
@@ -118,6 +121,7 @@ def _nodes(context: LaunchContext, address: str, *, publishes_clock: bool) -> li
             ros_arguments=["--log-level", settings.log_level] if settings.log_level else [],
             remappings=remappings,
             output="screen",
+            additional_env=owner_variables(),
             sigterm_timeout=END_TIMEOUT_S,
             **options,
         )
@@ -175,5 +179,8 @@ def _rosbag2(folder: str, namespace: str, *, has_own_tf: bool) -> ExecuteProcess
     else:
         command += ["--all"]
     return ExecuteProcess(
-        cmd=command, name="recorder", output="screen", sigterm_timeout=END_TIMEOUT_S
+        cmd=command_with_owner(command, signal.SIGINT),
+        name="recorder",
+        output="screen",
+        sigterm_timeout=END_TIMEOUT_S,
     )

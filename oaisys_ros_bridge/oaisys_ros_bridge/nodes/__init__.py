@@ -7,6 +7,7 @@ Raises:
 import sys
 
 from oaisys_core.errors import ShortageError
+from oaisys_core.system.owner import follow_owner
 from oaisys_core.system.signals import exit_at_signals
 from oaisys_ros_bridge.shared_memory import require_shared_memory
 
@@ -14,6 +15,7 @@ _IS_PROGRAM = sys.argv[:1] == ["-m"]  # as in `python -m oaisys_ros_bridge.nodes
 
 if _IS_PROGRAM:
     exit_at_signals()
+    follow_owner()
 if "rclpy" not in sys.modules:
     try:
         require_shared_memory()

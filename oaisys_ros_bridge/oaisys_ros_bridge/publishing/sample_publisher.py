@@ -39,7 +39,11 @@ from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.publishers import NodePublishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
-from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, left_camera, sensor_namespace
+from oaisys_ros_bridge.publishing.sensor_topics import (
+    SensorTopics,
+    find_left_camera,
+    sensor_namespace,
+)
 from oaisys_ros_bridge.publishing.trajectory_topics import TrajectoryTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 
@@ -87,7 +91,9 @@ class SamplePublisher:
                 sensor,
                 sensor_namespace(sensor.name, info.sensors),
                 values["frame_prefix"],
-                left_camera(sensor, info.sensors) if values["stereo.right_frame"] == "left" else "",
+                find_left_camera(sensor, info.sensors)
+                if values["stereo.right_frame"] == "left"
+                else "",
             )
             for sensor in info.sensors
         }

@@ -84,7 +84,7 @@ def sensor_namespace(sensor: str, sensors: Sequence[object], only: str = "camera
     return sensor if len(sensors) > 1 else only
 
 
-def left_camera(sensor: SensorInfo, sensors: Sequence[SensorInfo]) -> str:
+def find_left_camera(sensor: SensorInfo, sensors: Sequence[SensorInfo]) -> str:
     """Return the name of the left camera of the stereo pair whose right one this is, or nothing."""
     if not sensor.stereo_baseline_m:
         return ""

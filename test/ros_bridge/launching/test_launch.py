@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import runpy
+import signal
+import uuid
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +17,14 @@ import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from driven_world import DRIVEN_WORLD, DUE, TOPIC_OF_SENSOR
 from launched import Launched
-from leak_check import LeakCheck
+from leak_check import MARK, LeakCheck, marked_processes
 from mcap.reader import make_reader
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from repository import REPOSITORY
 from ros_peer import User, messages_of_samples
 from served_simulator import FLAT_WORLD, MOUNDS
+from waiting import START_PATIENCE_S, wait_until
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.launching.arguments import DRIVE, EXPLORE, SIMULATOR, SURVEY
@@ -91,6 +94,33 @@ def test_the_simulator_is_launched_into_a_namespace_and_leaves_nothing(
     assert summary is not None
     topics = {channel.topic for channel in summary.channels.values()}
     assert {"/mars/tf", "/mars/tf_static", "/mars/camera/depth/image_raw"} <= topics
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_what_a_launch_has_started_ends_with_it(
+    tmp_path: Path,
+    world: Path,
+    ros_domain_id: int,
+    number: signal.Signals,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(MARK, mark := str(uuid.uuid4()))
+    bag = tmp_path / "bag"
+    arguments = {"config": world, "backend": "analytic", "address": "127.0.0.1:0"}
+    arguments |= {"record": bag, "recorder": "oaisys"}
+    with Launched("simulator", tmp_path, **arguments) as launched:
+        launched.wait_for("ready: simulator")
+        launched.wait_for("recording: ")
+        launched.process.send_signal(number)  # to it alone
+        launched.process.wait(START_PATIENCE_S)
+    # What is left is shared memory of the launch's own node.
+    wait_until(lambda: not marked_processes(mark), explain=lambda: marked_processes(mark))
+    assert (bag / "metadata.yaml").is_file()
+    with next(bag.glob("*.mcap")).open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert "Traceback" not in launched.log.read_text()
 
 
 @pytest.mark.ros

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import signal
 import subprocess
 import time
 from collections import OrderedDict
@@ -22,6 +23,7 @@ from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_from_arrays
 from oaisys_core.system.interruption import stop_if_unwanted
 from oaisys_core.system.leftovers import temporary_folder
+from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.python_programs import python_command, python_environment
 
 LOG = logging.getLogger(__name__)
@@ -117,7 +119,8 @@ def _read_blend(
 
 def _code_of(command: list[str], output: IO[bytes], folder: Path, time_s: float) -> int:
     """Run the reader and return its exit code; it is killed once nobody wants what it finds."""
-    environment = {**python_environment(), "TMPDIR": str(folder)}
+    owner = owner_variables(signal.SIGKILL)
+    environment = {**python_environment(), **owner, "TMPDIR": str(folder)}
     process = subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output
     )

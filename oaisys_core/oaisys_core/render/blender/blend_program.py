@@ -14,6 +14,7 @@ import traceback
 from pathlib import Path
 
 from oaisys_core.files.access_limits import limit_access, limit_resources
+from oaisys_core.system.owner import follow_owner
 
 MEMORY_BYTES = 8_000_000_000
 """What it may take, for one file."""
@@ -21,6 +22,7 @@ MEMORY_BYTES = 8_000_000_000
 
 def main() -> None:
     """Write the arrays of the mesh to a file; arguments as JSON on the command line."""
+    follow_owner()
     task = json.loads(sys.argv[1])
     folders = tuple(map(Path, task["folders"]))
     limit_resources(MEMORY_BYTES, task["time_s"])
