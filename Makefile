@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery bench test test-full bench-test fuzz lint format schema licences contract clean
+.PHONY: help setup demo gallery bench test test-full soak bench-test fuzz lint format schema licences contract clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -44,10 +44,13 @@ bench: setup ## Measure everything: out/bench/bench.md (five hours the first tim
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
 test: setup ## Run the tests but for the long ones (about 13 minutes on two cores)
-	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not long'
+	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not long and not soak'
 
-test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 25 minutes)
+test-full: setup ## Run the long tests: every example, faults, both sizes of survey (about 15 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m long
+
+soak: setup ## Run what repeats other tests for long: 10,000 requests, kills again and again, memory (about 10 minutes)
+	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m soak
 
 bench-test: setup ## Run the tests of the bench, its referees and the look book (about 7 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) $(BENCH_TESTS)

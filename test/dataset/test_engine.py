@@ -139,7 +139,7 @@ def test_two_workers_make_the_data_set_that_one_process_makes(
     )
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.parametrize("chain", range(CHAINS))
 def test_a_run_that_is_killed_again_and_again_ends_in_the_same_data_set(
     tmp_path: Path, temporary_folder: Path, undisturbed: UndisturbedRun, chain: int, leaks
@@ -235,7 +235,7 @@ def test_worlds_that_cannot_be_made_are_skipped_and_counted(tmp_path: Path, leak
         assert f"world {failure.world} failed: {failure.reason}" in ended.stderr
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_node_of_a_cluster_dies_and_nothing_is_lost(
     tmp_path: Path, undisturbed: UndisturbedRun, leaks, monkeypatch
 ):

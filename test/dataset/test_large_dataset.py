@@ -43,7 +43,7 @@ def lines_of(record: FrameRecord, world: int) -> str:
     )
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_hundred_thousand_lines_are_read_in_less_than_500_mb(tmp_path: Path) -> None:
     write_dataset(tmp_path / "one", {0: "train"}, views=1)
     (record,) = open_dataset(tmp_path / "one").records

@@ -136,7 +136,7 @@ def test_what_no_worker_can_render_is_said_once(config):
     assert "moundz" in part.reason
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_worker_keeps_nothing_of_the_worlds_that_it_has_rendered(tmp_path: Path):
     place = open_place(tmp_path)
     place.write(

@@ -48,5 +48,5 @@ def test_the_tests_of_a_row_exist(row: int) -> None:
 def test_a_test_of_a_row_runs_in_make_test(row: int) -> None:
     tests = [functions_of(file)[name] for file, name in named_tests()[row]]
     marks = [[ast.unparse(mark) for mark in test.decorator_list] for test in tests]
-    assert not all("pytest.mark.long" in each for each in marks)
+    assert not all({"pytest.mark.long", "pytest.mark.soak"} & {*each} for each in marks)
     assert not [file for file, _ in named_tests()[row] if file.startswith("test/bench/")]

@@ -16,7 +16,7 @@ SAMPLES = int(os.environ.get("SOAK_SAMPLES", "60"))
 PROCESSES = {"bridge", "mapper", "recorder", "server", "worker"}
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.system
 @pytest.mark.ros
 def test_nothing_grows(tmp_path: Path, leaks: LeakCheck, ros_domain_id: int) -> None:

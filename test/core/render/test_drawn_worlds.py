@@ -19,7 +19,8 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.types import RGB, Frame, PinholeIntrinsics
 
 EVERY_DAY = range(11, 13)
-LONG = [range(first, first + 4) for first in range(13, 41, 4)]
+LONG = range(13, 17)
+SOAK = [range(first, first + 4) for first in range(17, 41, 4)]
 
 SOME, MANY = range(40), range(300)
 
@@ -47,7 +48,13 @@ def test_drawn_worlds_look_right(files: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.blender
-@pytest.mark.parametrize("seeds", LONG, ids=lambda seeds: f"{seeds[0]}-{seeds[-1]}")
+def test_more_drawn_worlds_look_right(files: Path) -> None:
+    check(LONG, files)
+
+
+@pytest.mark.soak
+@pytest.mark.blender
+@pytest.mark.parametrize("seeds", SOAK, ids=lambda seeds: f"{seeds[0]}-{seeds[-1]}")
 def test_many_drawn_worlds_look_right(files: Path, seeds: range) -> None:
     check(seeds, files)
 

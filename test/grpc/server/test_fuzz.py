@@ -30,7 +30,7 @@ REQUESTS = 10_000
 BLOCK = 1_000
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_nothing_in_10000_requests_does_harm(start_server: StartServer, tmp_path: Path) -> None:
     """Another server takes only the steps that were accepted: in the end both stand alike."""
     seconds = float(os.environ.get("FUZZ_SECONDS", "0"))

@@ -25,7 +25,7 @@ def evaluation(folder: Path, truth: Path) -> dict[str, Any]:
     return json.loads(told.stdout)
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.ros
 def test_two_surveys_at_once_map_each_its_own_world(
     tmp_path: Path, leaks: LeakCheck, ros_domain_id: int

@@ -146,7 +146,7 @@ def cpu_s(process: psutil.Process) -> float:
     return float(sum(process.cpu_times()[:2]))
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.timeout(3600)
 def test_one_worker_s_memory_and_work_stay_flat_over_many_samples(
     start_server: Callable[..., Server],
