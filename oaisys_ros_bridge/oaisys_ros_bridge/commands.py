@@ -38,6 +38,12 @@ def record(
         float, typer.Option(help="Length of the recording, seconds; 0: until Ctrl-C.", min=0)
     ] = 0.0,
     namespace: Annotated[str, typer.Option(help="ROS namespace of the topics.")] = "",
+    common_tf: Annotated[
+        bool,
+        typer.Option(
+            "--common-tf", help="With --namespace: TF is /tf all the same, as with frame_prefix."
+        ),
+    ] = False,
 ) -> None:
     """Record topics to a rosbag2 MCAP bag; prints `recording: BAG` once it is subscribed."""
     from oaisys_ros_bridge.namespaces import namespace_arguments, require_namespace
@@ -45,8 +51,9 @@ def record(
 
     require_namespace(namespace)
     given = {"path": str(out or ""), "topics": ["", *(topic or [])], "all": everything}
+    rules = namespace_arguments(namespace, has_own_tf=not common_tf)
     given |= {"duration_s": duration} | ({} if exclude is None else {"exclude": exclude})
-    raise typer.Exit(run_recorder(["record", *namespace_arguments(namespace)], **given))
+    raise typer.Exit(run_recorder(["record", *rules], **given))
 
 
 @bag_app.command("info")

@@ -20,6 +20,9 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 TF = "/tf"
 TF_STATIC = "/tf_static"
 CLOCK = "/clock"
+DIAGNOSTICS = "/diagnostics"
+OUTSIDE = (TF, TF_STATIC, CLOCK, DIAGNOSTICS)
+"""Absolute names, which no namespace moves unless they are remapped."""
 
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """The middleware's name of a node of which so far only a publisher or subscription is known."""
@@ -41,12 +44,18 @@ def require_namespace(namespace: str) -> None:
         raise InvalidInputError("namespace", namespace, "names like mars or lab/mars")
 
 
-def namespace_arguments(namespace: str) -> list[str]:
-    """Return the ROS arguments that put a node into a namespace; none for the root."""
+def namespace_arguments(namespace: str, *, has_own_tf: bool = True) -> list[str]:
+    """Return the ROS arguments that put a node into a namespace; none for the root.
+
+    Args:
+        namespace: Its name.
+        has_own_tf: Whether TF is in it, too.
+    """
     if not namespace:
         return []
     rules = [f"__ns:=/{namespace.strip('/')}"]
-    rules += [f"{topic}:={topic.removeprefix('/')}" for topic in (TF, TF_STATIC)]
+    if has_own_tf:
+        rules += [f"{topic}:={topic.removeprefix('/')}" for topic in (TF, TF_STATIC)]
     return ["--ros-args", *(argument for rule in rules for argument in ("-r", rule))]
 
 

@@ -12,7 +12,6 @@ from oaisys_ros_bridge.bags.finished_bag import FINISHED, FinishedBag, open_fini
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.bags.mcap_records import printable
 from oaisys_ros_bridge.bags.reading import mcap_file
-from oaisys_ros_bridge.namespaces import TF
 
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
@@ -82,14 +81,19 @@ def _losses(reader: FinishedBag) -> BagLosses | None:
     return None if entries is None else BagLosses.read(entries)
 
 
+def is_moving_tf(topic: str, type_name: str) -> bool:
+    """Return whether a topic has transforms that change, whatever it was remapped to."""
+    return type_name == TF_TYPE and not topic.endswith("_static")
+
+
 def repeats_of(reader: FinishedBag, summary: Summary) -> Mapping[str, int]:
-    """Return how many messages of each ``/tf`` only repeat the transforms of the last sample.
+    """Return how many messages of each moving TF topic repeat those of the last sample.
 
     A message is a repeat if no ``~/sample_info``, odometry or IMU has its stamp. The result is
     empty for a bag without samples.
     """
     types = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
-    moving = [t for t, name in types.items() if name == TF_TYPE and t.endswith(TF)]
+    moving = [t for t, name in types.items() if is_moving_tf(t, name)]
     samples = [topic for topic, name in types.items() if name == SAMPLE_INFO_TYPE]
     if not samples:
         return {}

@@ -13,6 +13,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, TF_TYPE
 from oaisys_ros_bridge.bags.writing import RecordedTopic, qos_entry
+from oaisys_ros_bridge.namespaces import OUTSIDE
 from oaisys_ros_bridge.qos import MOTION_QOS, SMALL_MESSAGE_QOS
 
 RECEIPT_TYPE = "oaisys_msgs/msg/SampleReceipt"
@@ -33,23 +34,28 @@ class TopicSelection:
 
     Attributes:
         requested: Full names that were given.
-        everything: Whether all other topics are recorded, too: those in ``namespace`` and those
-            right below the root, such as ``/tf``, that are not hidden and not excluded.
+        everything: Whether all other topics are recorded, too: those in ``namespace`` and the
+            ``shared`` ones that are not hidden and not excluded.
         exclude: Expression that matches the whole name of an excluded topic.
         namespace: Of the recorder.
+        shared: Full names of topics that belong to the namespace wherever they are, such as
+            ``/tf``, as the recorder's remapping rules have them.
     """
 
     requested: Collection[str]
     everything: bool
     exclude: re.Pattern[str]
     namespace: str
+    shared: Collection[str]
 
     @classmethod
     def of(cls, node: Node, values: Mapping[str, Any]) -> Self:
         """Return the selection of a recorder beside a node, from the values of its parameters."""
         requested = {node.resolve_topic_name(name) for name in values["topics"] if name}
         everything = values["all"] or not requested
-        return cls(requested, everything, re.compile(values["exclude"]), node.get_namespace())
+        shared = {node.resolve_topic_name(name) for name in OUTSIDE}
+        exclude = re.compile(values["exclude"])
+        return cls(requested, everything, exclude, node.get_namespace(), shared)
 
     def includes(self, name: str, type_name: str = "") -> bool:
         """Return whether a topic is recorded."""
@@ -61,8 +67,8 @@ class TopicSelection:
         return not is_hidden and self.is_near(name) and not self.exclude.fullmatch(name)
 
     def is_near(self, name: str) -> bool:
-        """Return whether a topic is in the recorder's namespace, or right below the root."""
-        return name.count("/") == 1 or name.startswith(f"{self.namespace.rstrip('/')}/")
+        """Return whether a topic belongs to the recorder's namespace."""
+        return name in self.shared or name.startswith(f"{self.namespace.rstrip('/')}/")
 
 
 def describe_topic(

@@ -45,8 +45,9 @@ def _drive(context: LaunchContext, namespace: str) -> ExecuteProcess:
     is_recorded = value_of(context, "record") not in {"", "false"}
     if is_recorded and not uses_rosbag2(value_of(context, "recorder")):
         command.append("--wait-for-recorder")
+    has_own_tf = not value_of(context, "frame_prefix")
     return ExecuteProcess(
-        cmd=[*command, *namespace_arguments(namespace)],
+        cmd=[*command, *namespace_arguments(namespace, has_own_tf=has_own_tf)],
         name="drive",
         output="screen",
         additional_env=owner_variables(),

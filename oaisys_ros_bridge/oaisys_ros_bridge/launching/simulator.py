@@ -18,6 +18,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch import LaunchContext
 from oaisys_core.system.owner import command_with_owner, owner_variables
 from oaisys_core.system.python_programs import python_command
+from oaisys_ros_bridge.bags.rosbag2_command import rosbag2_command
 from oaisys_ros_bridge.launching.actions import (
     end_all,
     rviz,
@@ -26,8 +27,7 @@ from oaisys_ros_bridge.launching.actions import (
     value_of,
 )
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
-from oaisys_ros_bridge.namespaces import require_namespace
-from oaisys_ros_bridge.parameters.bags import RECORDER
+from oaisys_ros_bridge.namespaces import OUTSIDE, TF, TF_STATIC, require_namespace
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 PACKAGE = "oaisys_ros_bridge"
@@ -171,13 +171,8 @@ def uses_rosbag2(recorder: str) -> bool:
 def _rosbag2(folder: str, namespace: str, *, has_own_tf: bool) -> ExecuteProcess:
     """Return ``ros2 bag record`` of the topics that this package's recorder would record."""
     folder = folder or time.strftime("bag_%Y_%m_%d-%H_%M_%S")
-    command = ["ros2", "bag", "record", "--storage", "mcap", "--output", folder]
-    command += ["--exclude-regex", str(RECORDER["exclude"].default)]
-    if namespace:
-        root = "/(clock|diagnostics)" if has_own_tf else "/(clock|diagnostics|tf|tf_static)"
-        command += ["--regex", f"(/{namespace.strip('/')}/.*|{root})"]
-    else:
-        command += ["--all"]
+    shared = set(OUTSIDE) - {TF, TF_STATIC} if has_own_tf else OUTSIDE
+    command = rosbag2_command(folder, namespace.strip("/"), shared)
     return ExecuteProcess(
         cmd=command_with_owner(command, signal.SIGINT),
         name="recorder",

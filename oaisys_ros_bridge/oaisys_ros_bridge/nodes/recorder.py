@@ -19,7 +19,7 @@ from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE
+from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, is_moving_tf
 from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
 from oaisys_ros_bridge.bags.message_definition import message_class
 from oaisys_ros_bridge.bags.serialized_stamps import StampReader, stamp_reader
@@ -28,9 +28,9 @@ from oaisys_ros_bridge.bags.topic_selection import (
     describe_topic,
     subscription_qos,
 )
+from oaisys_ros_bridge.bags.wire_names import WireNames
 from oaisys_ros_bridge.bags.writing import BagWriter
 from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds
-from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.bags import RECORDER
@@ -70,6 +70,9 @@ MIN_FREE_BYTES = 64 * 2**20
 class RecorderNode(ParameterNode, Node):
     """Records serialised messages without deserialising them.
 
+    A topic is subscribed to, and recorded, under the name that it has on the wire: rules that remap
+    the recorder's own names say which topics are meant, and rename none of them in the bag.
+
     Its parameters are the table `RECORDER`; `TopicSelection` says what *all* topics are.
 
     It always subscribes to ``sample_info``, where it exists, and counts which messages of the
@@ -100,6 +103,8 @@ class RecorderNode(ParameterNode, Node):
         self._bag = BagWriter(self._folder)
         self._bag_lock = threading.Lock()
         self._subscribed: dict[str, Subscription] = {}
+        self._wire = WireNames(self)
+        self._transforms: set[str] = set()
         self._not_installed: set[str] = set()
         self._quiet_lookups = 0
         self._is_ready = False
@@ -237,12 +242,13 @@ class RecorderNode(ParameterNode, Node):
         """Count losses from now on against the samples that a topic announces."""
         if name in self._watches or name.rpartition("/")[2] != SAMPLE_INFO:
             return
-        watch = SampleWatch(self, name, self._lost_by_middleware)
+        node = self._wire.node_for(name)
+        watch = SampleWatch(node, name, self._lost_by_middleware)
         # A new mapping, as other threads may be going through the old one.
         self._watches = {**self._watches, name: watch}
         if self._is_ready:
             watch.begin(self._ready_ns)
-        self.create_subscription(
+        node.create_subscription(
             SampleInfo,
             name,
             partial(self._on_sample_info, watch),
@@ -286,10 +292,12 @@ class RecorderNode(ParameterNode, Node):
             return
         if (read_stamp := stamp_reader(message_type)) is not None:
             self._stamp_readers[name] = read_stamp
+        if is_moving_tf(name, type_name):
+            self._transforms.add(name)
         qos = subscription_qos(type_name, publishers)
         # No sample announces messages of motion, so their sequence numbers are checked for gaps.
         is_motion = type_name in MOTION_TYPES
-        self._subscribed[name] = self.create_subscription(
+        self._subscribed[name] = self._wire.node_for(name).create_subscription(
             message_type,
             name,
             partial(self._record, name, is_motion),
@@ -301,6 +309,11 @@ class RecorderNode(ParameterNode, Node):
             if is_motion
             else counting_losses(self._lost_by_middleware, name, qos),
         )
+
+    def destroy_node(self) -> None:
+        """Destroy it, and the node beside it."""
+        self._wire.destroy()
+        super().destroy_node()
 
     def _record(self, name: str, is_motion: bool, data: bytes, info: dict[str, int]) -> None:
         if is_motion:
@@ -318,7 +331,8 @@ class RecorderNode(ParameterNode, Node):
             except OSError as error:
                 self._give_up(str(error))
                 return
-        if was_before_end and not name.endswith(TF):  # a bridge repeats its transforms without end
+        # A bridge repeats its transforms without end.
+        if was_before_end and name not in self._transforms:
             self._written_at_end += self._end_asked_ns < sys.maxsize
         if (read_stamp := self._stamp_readers.get(name)) and (stamp_ns := read_stamp(data)):
             self._counted.add(name)

@@ -34,7 +34,7 @@ RECORDER = ParameterTable(
         ParameterRow(
             "all",
             False,
-            "Whether all others are recorded beside the topics, too.",
+            "Whether all others of the namespace are recorded beside the topics, too.",
             changeable=Changeable.AT_START,
         ),
         ParameterRow(
