@@ -10,10 +10,11 @@ from sensor_msgs.msg import CompressedImage
 
 from oaisys_ros_bridge.bags.topic_selection import bag_profile
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic
-from oaisys_ros_bridge.publishing.publishers import Publishers
+from oaisys_ros_bridge.publishing.publishers import IMAGE_COLOR, Publishers
 
 NOT_RECORDED = (CompressedImage,)
-"""Types whose messages are not made, because the bag has the same images raw."""
+"""Types whose messages are not made, because the bag has the same images raw; nor are colours of
+labels and ids."""
 
 
 class BagPublishers(Publishers):
@@ -50,7 +51,7 @@ class BagPublisher:
 
     def __init__(self, owner: BagPublishers, kind: type[Any], topic: str, qos: QoSProfile) -> None:
         self._owner = owner
-        self._is_recorded = kind not in NOT_RECORDED
+        self._is_recorded = kind not in NOT_RECORDED and not topic.endswith(f"/{IMAGE_COLOR}")
         type_name = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         self._topic = RecordedTopic(topic, type_name, (bag_profile(qos),))
 

@@ -39,7 +39,7 @@ RECORDER = ParameterTable(
         ),
         ParameterRow(
             "exclude",
-            r".*/compressed(Depth)?",
+            r".*/(compressed(Depth)?|image_color)",
             "Regular expression of the topics that are not recorded unless they are named.",
             changeable=Changeable.AT_START,
         ),
@@ -55,7 +55,8 @@ RECORDER = ParameterTable(
     rules=(_exclude_is_an_expression,),
 )
 """The recorder's parameters. *All* are those of its own namespace and those of all the machine;
-compressed images hold nothing that the others do not, and are computed for whoever listens."""
+compressed images and colours of labels hold nothing that the others do not, and are computed for
+whoever listens."""
 
 PLAYER = ParameterTable(
     (

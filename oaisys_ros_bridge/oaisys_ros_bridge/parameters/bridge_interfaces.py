@@ -47,6 +47,22 @@ _IMAGES = (
     *_image("instance", "`32SC1`, ids of objects; 0 is none."),
     Interface(
         InterfaceKind.PUBLISHED,
+        "camera/semantic_N/image_color",
+        "sensor_msgs/msg/Image",
+        "`rgb8`, for viewers: a colour for each label, that of its class in the mapper's mesh; "
+        "made only for subscribers.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
+        "camera/instance/image_color",
+        "sensor_msgs/msg/Image",
+        "`rgb8`, for viewers: a colour for each id, by its hash; black is none. Made only for "
+        "subscribers.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "camera/semantic_N/labels",
         "oaisys_msgs/msg/SemanticLabels",
         "Names of the ids.",

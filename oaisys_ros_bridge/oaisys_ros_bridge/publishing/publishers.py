@@ -10,6 +10,9 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
+IMAGE_COLOR = "image_color"
+"""Last part of the names of topics on which labels and ids are colours."""
+
 
 class TopicPublisher(Protocol):
     """What the topics need of a publisher, as rclpy's has it."""

@@ -5,6 +5,8 @@ Encodings: colour and albedo ``rgb8``; depth and range ``32FC1``, metres; labels
 flow ``32FC2`` and disparity ``32FC1``, pixels; the images of installed passes by their own pixels'
 type, such as ``8UC1``.
 
+Labels and ids have a companion ``image_color`` in ``rgb8``, for viewers.
+
 P of a ``camera_info`` projects from the frame that it names. For the right camera of a stereo pair
 that can be the left one's (``CameraInfo.msg``). Images of distances stay in the camera's own frame:
 what reads them (depth_image_proc, our mapper) makes points with K, which are in the named frame.
@@ -53,7 +55,13 @@ from oaisys_ros_bridge.publishing.compressed import (
     depth_to_compressed_msg,
     image_to_compressed_msg,
 )
-from oaisys_ros_bridge.publishing.publishers import Publishers, TopicPublisher, has_subscribers
+from oaisys_ros_bridge.publishing.label_colors import color_ids
+from oaisys_ros_bridge.publishing.publishers import (
+    IMAGE_COLOR,
+    Publishers,
+    TopicPublisher,
+    has_subscribers,
+)
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
@@ -108,6 +116,11 @@ def encoding_of(frame: Frame) -> str:
     return ENCODING_BY_MODALITY.get(frame.modality) or opencv_encoding(frame.data)
 
 
+def has_colors(modality: str) -> bool:
+    """Return whether a modality's ids are also published as colours."""
+    return modality == INSTANCE or semantic_level(modality) is not None
+
+
 def topic_variants(modality: str) -> tuple[str, ...]:
     """Return the names of a modality's compressed topics.
 
@@ -153,6 +166,8 @@ class SensorTopics:
             self._image(modality)
             self._camera_info(modality)
             self._compressing_publishers(modality)
+            if has_colors(modality):
+                self._colors(modality)
         if DEPTH in sensor.modalities:
             self._cloud()
 
@@ -176,7 +191,7 @@ class SensorTopics:
                 self._publishers.offer(SemanticLabels, topic, LATCHED_QOS).publish(message)
 
     def publish_frame(self, frame: Frame, stamp: Time, values: Mapping[str, Any]) -> None:
-        """Publish an image, raw and compressed, and its camera_info.
+        """Publish an image, raw, compressed and where it is of ids coloured, and its camera_info.
 
         Args:
             frame: The image.
@@ -193,6 +208,9 @@ class SensorTopics:
         image = self._image(frame.modality)
         if has_subscribers(image):
             self._publishers.send(image, image_to_msg(frame.data, encoding_of(frame), header))
+        if has_colors(frame.modality) and has_subscribers(colors := self._colors(frame.modality)):
+            pixels = color_ids(frame.modality, frame.data)
+            self._publishers.send(colors, image_to_msg(pixels, "rgb8", header))
         wanted = [p for p in self._compressing_publishers(frame.modality) if has_subscribers(p)]
         if wanted:
             compression = Compression(**_section(values, "compressed"))
@@ -221,6 +239,9 @@ class SensorTopics:
 
     def _image(self, modality: str) -> TopicPublisher:
         return self._publishers.offer(Image, self._topic(modality, "image_raw"), SENSOR_QOS)
+
+    def _colors(self, modality: str) -> TopicPublisher:
+        return self._publishers.offer(Image, self._topic(modality, IMAGE_COLOR), SENSOR_QOS)
 
     def _camera_info(self, modality: str) -> TopicPublisher:
         topic = self._topic(modality, "camera_info")
