@@ -7,6 +7,7 @@
     shards/world_000012.jsonl   the manifest of that world: one line for each frame; written last,
                                 so that it exists only if the shard is whole
     shards/world_000012.scans.jsonl   one line for each lidar scan; only with lidars
+    shards/world_000012.objects.parquet   a row for each frame and object; only with object ids
     failed/world_000013.json    why a world could not be made
 """
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tarfile import BLOCKSIZE
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import NDArray
 
@@ -31,6 +31,7 @@ from oaisys_dataset.shards import (
     LEGEND,
     SHARDS,
     manifest_name,
+    objects_name,
     read_failure,
     read_head,
     read_pixels,
@@ -40,6 +41,11 @@ from oaisys_dataset.shards import (
     whole_worlds,
     world_failures,
 )
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from oaisys_dataset.objects import ObjectRow
 
 __all__ = ["Dataset", "DatasetSample", "ManifestLines", "WorldLegend", "open_dataset"]
 
@@ -98,6 +104,7 @@ class Dataset(Sequence[DatasetSample]):
         self.info = info
         self.records = ManifestLines(place, FrameRecord, manifest_name, manifests)
         self._manifests = tuple(manifests)
+        self._held_objects: tuple[int, pa.Table] | None = None
 
     @cached_property
     def worlds(self) -> tuple[int, ...]:
@@ -198,6 +205,35 @@ class Dataset(Sequence[DatasetSample]):
             return {}
         found = (scan for scan in self.scans.of_world(record.world) if scan.view == record.view)
         return {scan.sensor: self.scan(scan) for scan in found}
+
+    def has_objects(self, world: int) -> bool:
+        """Return whether a world has a table of its objects."""
+        return self.place.exists(objects_name(world))
+
+    def objects_table(self, world: int) -> pa.Table:
+        """Return the table of a world's objects, see `oaisys_dataset.objects.COLUMNS`.
+
+        Raises:
+            NotFoundError: The world has none: no camera has ``instance``, or it was rendered by an
+                earlier version.
+            InvalidInputError: It cannot be read.
+        """
+        from oaisys_dataset.objects import decode_objects
+
+        if self._held_objects is None or self._held_objects[0] != world:
+            name = objects_name(world)
+            self._held_objects = (world, decode_objects(self.place.read(name), name))
+        return self._held_objects[1]
+
+    def objects(self, record: FrameRecord) -> list[ObjectRow]:
+        """Return the objects that show in a frame, in the order of their ids.
+
+        Raises:
+            NotFoundError, InvalidInputError: See `objects_table`.
+        """
+        from oaisys_dataset.objects import rows_of_frame
+
+        return rows_of_frame(self.objects_table(record.world), record.frame_id)
 
     def scan_record(self, scan_id: str) -> ScanRecord | None:
         """Return the record of a lidar scan by its id; None if there is no such scan."""

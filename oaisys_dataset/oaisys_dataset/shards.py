@@ -1,8 +1,8 @@
 """Shards: the images, legend and manifest of one world, written whole or not at all.
 
 The tar file is uncompressed, and its bytes depend on its content alone. The manifest is written
-after it, and after the records of lidar scans: a world is finished if and only if its manifest
-exists.
+after it, after the records of lidar scans and the table of objects: a world is finished if and only
+if its manifest exists.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, World
 from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.records import world_name
 from oaisys_dataset.scans import EncodedScan, ScanRecord
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SHARDS, FAILED = "shards", "failed"
 HEAD = "dataset.json"
@@ -70,6 +73,11 @@ def scans_name(world: int) -> str:
     return f"{SHARDS}/{world_name(world)}.scans.jsonl"
 
 
+def objects_name(world: int) -> str:
+    """Return the name of the file with the table of a world's objects."""
+    return f"{SHARDS}/{world_name(world)}.objects.parquet"
+
+
 def failure_name(world: int) -> str:
     """Return the name of the file that says why a world could not be made."""
     return f"{FAILED}/{world_name(world)}.json"
@@ -102,10 +110,12 @@ class EncodedFrame(NamedTuple):
     Attributes:
         record: Its record; the offsets of its images are 0.
         files: The image files by modality.
+        objects: Its rows in the table of objects; None if it has no ``instance``.
     """
 
     record: FrameRecord
     files: Mapping[str, bytes]
+    objects: pa.RecordBatch | None = None
 
 
 def encode_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> EncodedFrame:
@@ -151,6 +161,7 @@ class ShardWriter:
         self._tar = tar
         self._lines: list[str] = []
         self._scan_lines: list[str] = []
+        self._objects: list[pa.RecordBatch] = []
         self._legend: WorldLegend | None = None
 
     def add(self, record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> FrameRecord:
@@ -175,6 +186,8 @@ class ShardWriter:
         }
         whole = replace(frame.record, images=images)
         self._lines.append(whole.to_json())
+        if frame.objects is not None:
+            self._objects.append(frame.objects)
         return whole
 
     def add_scan(self, scan: EncodedScan) -> ScanRecord:
@@ -204,6 +217,14 @@ class ShardWriter:
         """Return the records of the lidar scans; empty if there are none."""
         return _text(self._scan_lines)
 
+    def objects(self) -> bytes:
+        """Return the table of the objects; empty if no frame has ``instance``."""
+        if not self._objects or self._legend is None:
+            return b""
+        from oaisys_dataset.objects import encode_objects
+
+        return encode_objects(self._objects, self._legend)
+
 
 @contextmanager
 def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
@@ -214,15 +235,20 @@ def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
     Raises:
         RenderError: They could not be written, or the shard is empty; there is no manifest.
     """
-    # A process that seemed lost may have written one, for other bytes.
+    # A process that seemed lost may have written them, for other bytes.
     place.delete(manifest_name(world))
+    place.delete(objects_name(world))
     with place.streaming(tar_name(world)) as file:
         with tarfile.open(fileobj=file, mode="w", format=tarfile.GNU_FORMAT) as tar:
             writer = ShardWriter(tar)
             yield writer
         manifest = writer.manifest()
-    if scans := writer.scans():
-        place.write(scans_name(world), scans)
+    for name, data in (
+        (scans_name(world), writer.scans()),
+        (objects_name(world), writer.objects()),
+    ):
+        if data:
+            place.write(name, data)
     place.write(manifest_name(world), manifest)
 
 

@@ -15,8 +15,10 @@ from typing import Any, NamedTuple
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.output.records import intrinsics_record
+from oaisys_core.raycast.object_views import ObjectFinder
+from oaisys_core.scene import Scene
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import FloatArray, Frame, LidarScan, ObjectQuery, Sample
+from oaisys_core.types import INSTANCE, FloatArray, Frame, LidarScan, ObjectQuery, Sample
 from oaisys_core.world.batch import DRAWN
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure, WorldLegend
 from oaisys_dataset.plan import WorldTask
@@ -44,6 +46,7 @@ class _View:
         number: Its number.
         sample: What was rendered.
         seconds: What all of it took.
+        scene: The world at that time.
         sun_deg: Elevation and azimuth of the sun.
         s_per_view: Simulated time from one view to the next.
         drawn: What was drawn of the configuration for its world.
@@ -52,6 +55,7 @@ class _View:
     number: int
     sample: Sample
     seconds: float
+    scene: Scene
     sun_deg: tuple[float, float]
     s_per_view: float
     drawn: Mapping[str, Any]
@@ -75,6 +79,7 @@ class WorldRenderer:
             BackendUnavailableError: The backend cannot run here.
         """
         self._simulation = Simulation(config)
+        self._finder = ObjectFinder()
         self._worker = worker
         self._software = software(self._simulation)
 
@@ -93,9 +98,9 @@ class WorldRenderer:
                     doing = f"view {number}"
                     sample = self._simulation.step_sample()
                     now_s = time.perf_counter()
-                    view = _View(
-                        number, sample, now_s - begun_s, self._sun_deg(), *self._of_world()
-                    )
+                    scene, seconds = self._simulation.scene, now_s - begun_s
+                    of_world = self._of_world()
+                    view = _View(number, sample, seconds, scene, _sun_deg(scene), *of_world)
                     measured += len(sample.frames) + len(sample.scans)
                     begun_s = now_s
                     if encoding is not None:
@@ -126,7 +131,7 @@ class WorldRenderer:
         shared = self._common_fields(task, view, max(1, len(by_sensor) + len(scans)))
         return EncodedView(
             view.number,
-            tuple(_encode_frame(frames, shared, view) for frames in by_sensor.values()),
+            tuple(self._encode_frame(frames, shared, view) for frames in by_sensor.values()),
             tuple(_encode_scan(scan, shared) for scan in scans),
         )
 
@@ -151,10 +156,19 @@ class WorldRenderer:
         """Return what all views of the current world have in common."""
         return _s_per_view(self._simulation.world_config), self._simulation.drawn
 
-    def _sun_deg(self) -> tuple[float, float]:
-        """Return the elevation and azimuth of the sun in the current view."""
-        sky = self._simulation.scene.sky
-        return round(degrees(sky.sun_elevation_rad), 6), round(degrees(sky.sun_azimuth_rad), 6)
+    def _encode_frame(
+        self, frames: Sequence[Frame], shared: Mapping[str, Any], view: _View
+    ) -> EncodedFrame:
+        """Return the frame of a camera from its images at a view."""
+        encoded = _encode_frame(frames, shared, view)
+        ids = next((frame.data for frame in frames if frame.modality == INSTANCE), None)
+        if ids is None:
+            return encoded
+        from oaisys_dataset.objects import frame_objects
+
+        record = encoded.record
+        found = self._finder.find(view.scene, record.camera, record.pose, ids)
+        return encoded._replace(objects=frame_objects(record, found))
 
     def _legend(self) -> WorldLegend:
         """Return the legend of the current world, with all its objects."""
@@ -168,6 +182,12 @@ class WorldRenderer:
                 )
             after = page.next_after_instance_id or None
         return WorldLegend(dict(self._simulation.info().semantic_labels), instances)
+
+
+def _sun_deg(scene: Scene) -> tuple[float, float]:
+    """Return the elevation and azimuth of the sun."""
+    sky = scene.sky
+    return round(degrees(sky.sun_elevation_rad), 6), round(degrees(sky.sun_azimuth_rad), 6)
 
 
 def _encode_frame(frames: Sequence[Frame], shared: Mapping[str, Any], view: _View) -> EncodedFrame:

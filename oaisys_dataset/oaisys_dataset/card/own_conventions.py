@@ -14,6 +14,7 @@ CONVENTIONS = FormatConventions(
 | `shards/world_000012.tar` | images of a world, and its legend (`legend.json`) |
 | `shards/world_000012.jsonl` | a line for each frame: camera, pose, hashes, provenance |
 | `shards/world_000012.scans.jsonl` | with lidars: a line for each scan |
+| `shards/world_000012.objects.parquet` | with object ids: a row for each frame and object in it |
 | `failed/world_000013.json` | why a world could not be made |
 
 Images are lossless: PNG with 8 or 16 bits, TIFF with 32-bit floats, compressed with Zstandard, and

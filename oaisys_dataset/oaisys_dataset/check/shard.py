@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import DEPTH, INSTANCE, POINTS, RANGE, SEMANTIC_0, semantic_level
 from oaisys_dataset.check.manifests import DueViews, check_manifests
+from oaisys_dataset.check.object_rows import ObjectRowsCheck
 from oaisys_dataset.check.report import ShardResult
 from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, WorldLegend
 from oaisys_dataset.places import StoragePlace
@@ -44,8 +45,9 @@ def check_shard(place: StoragePlace, info: DatasetInfo, due: DueViews, world: in
             images = [image for record in records for image in record.images.values()]
             _check_members([*images, *(scan.points for scan in scans)], members, result)
             legend = _legend(data, members)
+            objects = ObjectRowsCheck(place, records, legend, result)
             for record in records:
-                _check_frame(record, data, legend, result)
+                _check_frame(record, data, legend, objects, result)
             for scan in scans:
                 _check_scan(scan, data, legend, result)
     except (OaisysError, OSError, ValueError, tarfile.TarError) as error:
@@ -116,9 +118,13 @@ def _legend(data: mmap.mmap, members: dict[str, tuple[int, int]]) -> WorldLegend
 
 
 def _check_frame(
-    record: FrameRecord, data: mmap.mmap, legend: WorldLegend, result: ShardResult
+    record: FrameRecord,
+    data: mmap.mmap,
+    legend: WorldLegend,
+    objects: ObjectRowsCheck,
+    result: ShardResult,
 ) -> None:
-    """Check the bytes, the pixels and the ids of a frame's images."""
+    """Check the bytes, the pixels and the ids of a frame's images, and its rows of objects."""
     whole = hashlib.sha256()
     for modality, image in sorted(record.images.items()):
         name = f"{record.frame_id}/{modality}"
@@ -144,6 +150,8 @@ def _check_frame(
         unknown = _ids(modality, pixels) - _ids_of_legend(modality, legend)
         if unknown:
             result.note("legend", name, f"ids {_show(unknown)} are not in the legend")
+        if modality == INSTANCE:
+            objects.check(record, pixels)
     result.prints[record.frame_id] = whole.digest()[:16]
 
 

@@ -12,21 +12,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pixel_rays, pose_to_matrix, transform_points
 from oaisys_core.output.records import pose_from_record
+from oaisys_core.raycast.object_views import ObjectFinder
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, Frame, SensorInfo, TriangleMesh
+from oaisys_core.types import DEPTH, INSTANCE, Frame, SensorInfo, TriangleMesh
 from oaisys_core.verification.audit import AuditResult, audit_frames, sum_results
 from oaisys_core.verification.reference_scene import ReferenceScene
 from oaisys_core.world.batch import state_of
+from oaisys_dataset.check.object_rows import CHECK, differing_rows
 from oaisys_dataset.check.report import Finding
 from oaisys_dataset.check.scan_truth import ScanCheck
 from oaisys_dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_dataset.manifest import DatasetInfo, FrameRecord, WorldLegend
 from oaisys_dataset.manifest_lines import RecordT
+from oaisys_dataset.objects import frame_objects, rows_of
 from oaisys_dataset.reader import Dataset, DatasetSample
 from oaisys_dataset.scans import ScanRecord
 
@@ -65,6 +69,7 @@ class TruthCheck:
         """
         config = config_from_mapping(info.config)
         self._simulation = Simulation(config, AnalyticBackend())
+        self._finder = ObjectFinder()
         self._rng = rng
         self._has_faults = config.sensors.faults.of_depth is not None
         self._scans = ScanCheck(config, rng)
@@ -139,6 +144,17 @@ class TruthCheck:
             if record.sensor not in self._unaudited:
                 result.audited += audit_frames(frames, reference, self._rng)
             self._check_points(sample, surface, result)
+            self._check_objects(dataset, sample, result)
+
+    def _check_objects(self, dataset: Dataset, sample: DatasetSample, result: TruthResult) -> None:
+        """Compare a frame's rows of objects with those that the world gives."""
+        record, ids = sample.record, sample.arrays.get(INSTANCE)
+        if ids is None or not dataset.has_objects(record.world):
+            return
+        found = self._finder.find(self._simulation.scene, record.camera, record.pose, ids)
+        wanted = rows_of(pa.Table.from_batches([frame_objects(record, found)]))
+        for text in differing_rows(dataset.objects(record), wanted):
+            result.findings.append(Finding(CHECK, record.frame_id, text))
 
     def _check_points(
         self, sample: DatasetSample, surface: WorldSurface, result: TruthResult
