@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
-from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.silhouettes import HitTest, Silhouettes, box_corners
-from oaisys_core.raycast.solids import target_of
-from oaisys_core.raycast.triangles import NO_ELEMENT
-from oaisys_core.scene import Placement, Primitive, Scene, id_of_level
-from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
+from oaisys_core.errors import NotFoundError
+from oaisys_core.raycast.prototype_meshes import PrototypeMesh
+from oaisys_core.raycast.silhouettes import Silhouettes, box_corners
+from oaisys_core.raycast.single_objects import (
+    Body,
+    SingleObject,
+    body_of,
+    single_instance,
+    single_solid,
+)
+from oaisys_core.scene import Placement, Scene
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,33 +62,6 @@ class ObjectViews(ShortRepr):
     box_amodal_px: NDArray[np.int64]
 
 
-@dataclass(frozen=True, repr=False)
-class Body(ShortRepr):
-    """The shape of an object at a scale of 1, in its own frame.
-
-    Attributes:
-        sha256: Hash of it.
-        low_m, high_m: (3,) corners of its box.
-        diameter_m: Largest distance of two points.
-    """
-
-    sha256: str
-    low_m: FloatArray
-    high_m: FloatArray
-    diameter_m: float
-
-
-@dataclass(frozen=True)
-class _Found:
-    """An object of a scene that an image shows; ``cast`` casts rays from a point in ``map``."""
-
-    instance_id: int
-    semantic_id: int
-    body: Body
-    T_map_object: FloatArray
-    cast: Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
-
-
 class ObjectFinder:
     """Describes the objects in images of a world; keeps what it needs of meshes between images."""
 
@@ -119,23 +96,58 @@ class ObjectFinder:
         objects = [found[int(ids[i])] for i in chosen]
         return _views(objects, counts[chosen], boxes[chosen], parts)
 
-    def _objects(self, scene: Scene, ids: NDArray[np.int64]) -> Iterator[_Found]:
+    def masks(
+        self,
+        scene: Scene,
+        camera: PinholeIntrinsics,
+        T_map_camera: FloatArray,
+        T_map_objects: Mapping[int, FloatArray],
+    ) -> dict[int, NDArray[np.bool_]]:
+        """Return the (H, W) silhouettes of objects in an image by id.
+
+        Args:
+            scene: A world that has the objects.
+            camera: The camera.
+            T_map_camera: (4, 4) pose of its optical frame.
+            T_map_objects: (4, 4) poses times scales, by id, which may differ from the scene's.
+        """
+        silhouettes, masks = Silhouettes(camera), {}
+        for each in self._objects(scene, np.array(list(T_map_objects), np.int64)):
+            placed = replace(each, T_map_object=T_map_objects[each.instance_id])
+            mask = np.zeros((camera.height_px, camera.width_px), np.bool_)
+            pixels, _ = _silhouette(placed, silhouettes, T_map_camera)
+            columns, rows = pixels[silhouettes.is_in_image(pixels)].astype(np.int64).T
+            mask[rows, columns] = True
+            masks[each.instance_id] = mask
+        return masks
+
+    def mesh(self, scene: Scene, instance_id: int) -> TriangleMesh:
+        """Return the triangles of an object at a scale of 1, in its own frame.
+
+        Raises:
+            NotFoundError: The scene has no such object.
+        """
+        for each in self._objects(scene, np.array([instance_id])):
+            return each.mesh()
+        raise NotFoundError(f"object {instance_id}: not in this world")
+
+    def _objects(self, scene: Scene, ids: NDArray[np.int64]) -> Iterator[SingleObject]:
         """Yield the objects of a scene that have one of some ids."""
         for placement in scene.placements:
             rows = np.flatnonzero(np.isin(placement.instance_ids, ids))
             if len(rows):
                 mesh, body = self._mesh(scene, placement)
                 for row in rows.tolist():
-                    yield _instance(mesh, body, placement, row)
+                    yield single_instance(mesh, body, placement, row)
         for primitive in scene.primitives:
             if primitive.instance_id in ids:
-                yield _solid(primitive)
+                yield single_solid(primitive)
 
     def _mesh(self, scene: Scene, placement: Placement) -> tuple[PrototypeMesh, Body]:
         prototype = scene.prototypes[placement.prototype]
         if id(prototype) not in self._meshes:
             mesh = PrototypeMesh(prototype)
-            self._meshes[id(prototype)] = mesh, _body_of(mesh)
+            self._meshes[id(prototype)] = mesh, body_of(mesh)
         return self._meshes[id(prototype)]
 
 
@@ -154,71 +166,8 @@ def _visible(
     return ids[is_object].astype(np.int64), counts[is_object], boxes[is_object]
 
 
-def _instance(mesh: PrototypeMesh, body: Body, placement: Placement, row: int) -> _Found:
-    """Return one instance of a placement."""
-    T = placement.T_map_object[row]
-
-    def cast(eye_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        if mesh.textures.has_cut_outs:
-            one = replace(
-                placement,
-                T_map_object=T[None],
-                instance_ids=placement.instance_ids[row : row + 1],
-            )
-            _, elements = BoxInstanceTarget([PlacedPrototype(mesh, one)]).intersect(
-                eye_m, directions
-            )
-        else:
-            T_object_map = np.linalg.inv(T)
-            origin = T_object_map[:3, :3] @ eye_m + T_object_map[:3, 3]
-            _, elements = mesh.target.intersect(origin, directions @ T_object_map[:3, :3].T)
-        return np.asarray(elements != NO_ELEMENT)
-
-    semantic_id = id_of_level(placement.semantic_ids, 0)
-    return _Found(int(placement.instance_ids[row]), semantic_id, body, T, cast)
-
-
-def _solid(primitive: Primitive) -> _Found:
-    """Return an exact solid."""
-    is_sphere = primitive.shape == "sphere"
-    half_m = np.array([primitive.size_m[0]] * 3 if is_sphere else primitive.size_m, np.float64)
-    half_m = half_m if is_sphere else half_m / 2
-    diameter_m = 2 * primitive.size_m[0] if is_sphere else 2 * float(np.linalg.norm(half_m))
-    sha256 = hashlib.sha256(f"{primitive.shape} {half_m.tolist()}".encode()).hexdigest()
-    target = target_of(primitive)
-
-    def cast(eye_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(target.intersect(eye_m, directions)[1] != NO_ELEMENT)
-
-    body = Body(sha256, -half_m, half_m, diameter_m)
-    semantic_id = id_of_level(primitive.semantic_ids, 0)
-    return _Found(primitive.instance_id, semantic_id, body, primitive.T_map_object, cast)
-
-
-def _body_of(mesh: PrototypeMesh) -> Body:
-    """Return the shape of a mesh; vertices of no triangle do not count."""
-    prototype = mesh.prototype
-    digest = hashlib.sha256(np.ascontiguousarray(prototype.vertices_m, "<f4").tobytes())
-    digest.update(np.ascontiguousarray(prototype.triangles, "<i4").tobytes())
-    points_m = mesh.vertices_m[np.unique(prototype.triangles)]
-    low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
-    return Body(digest.hexdigest(), low_m, high_m, _diameter_m(points_m))
-
-
-def _diameter_m(points_m: FloatArray) -> float:
-    """Return the largest distance of two of (N, 3) points."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        points_m = points_m[ConvexHull(points_m).vertices]
-    except QhullError:  # all in one plane, or on one line
-        points_m = np.unique(points_m, axis=0)
-    chunks = np.array_split(points_m, max(1, len(points_m) // 256))
-    return float(max(np.linalg.norm(c[:, None] - points_m, axis=2).max() for c in chunks))
-
-
 def _measure(
-    found: _Found,
+    found: SingleObject,
     silhouettes: Silhouettes,
     T_map_camera: FloatArray,
     instance: NDArray[Any],
@@ -228,11 +177,7 @@ def _measure(
 
     Pixels that show the object belong to its silhouette even where rounding makes its rays miss.
     """
-    eye_m, R = T_map_camera[:3, 3], T_map_camera[:3, :3]
-    T = found.T_map_object
-    corners_m = box_corners(found.body.low_m, found.body.high_m) @ T[:3, :3].T + T[:3, 3]
-    test: HitTest = lambda rays: found.cast(eye_m, rays @ R.T)  # noqa: E731
-    pixels, weights = silhouettes.pixels((corners_m - eye_m) @ R, test)
+    pixels, weights = _silhouette(found, silhouettes, T_map_camera)
     inside = silhouettes.is_in_image(pixels)
     columns, rows = pixels[inside].astype(np.int64).T
     hidden = int(np.count_nonzero(instance[rows, columns] != found.instance_id))
@@ -248,8 +193,22 @@ def _measure(
     return whole, in_image, (int(low[0]), int(low[1]), int((high - low)[0]), int((high - low)[1]))
 
 
+def _silhouette(
+    found: SingleObject, silhouettes: Silhouettes, T_map_camera: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the pixels of an object's silhouette, see `Silhouettes.pixels`."""
+    eye_m, R = T_map_camera[:3, 3], T_map_camera[:3, :3]
+    T = found.T_map_object
+    corners_m = box_corners(found.body.low_m, found.body.high_m) @ T[:3, :3].T + T[:3, 3]
+
+    def is_hit(rays: FloatArray) -> NDArray[np.bool_]:
+        return found.cast(T, eye_m, rays @ R.T)
+
+    return silhouettes.pixels((corners_m - eye_m) @ R, is_hit)
+
+
 def _views(
-    objects: list[_Found],
+    objects: list[SingleObject],
     counts: NDArray[np.int64],
     boxes: NDArray[np.int64],
     parts: list[tuple[int, int, tuple[int, int, int, int]]],

@@ -100,6 +100,17 @@ class ExportOptions:
             raise InvalidInputError(f"settings.{name}", text, f"a number of at least {least:g}")
         return value
 
+    def choice(self, name: str, allowed: Sequence[str]) -> str:
+        """Return a setting that is one of some words; the first is the default.
+
+        Raises:
+            InvalidInputError: It is another one.
+        """
+        text = self.settings.get(name, allowed[0])
+        if text not in allowed:
+            raise InvalidInputError(f"settings.{name}", text, one_of(allowed, text))
+        return text
+
 
 class DatasetFormat(ABC):
     """Writes a data set in the layout that other programs read.
@@ -219,3 +230,12 @@ def label_names(dataset: Dataset) -> dict[int, str]:
         for label_id, name in dataset.legend(world).labels.items():
             names.setdefault(label_id, {})[name] = None
     return {label_id: " / ".join(names[label_id]) for label_id in sorted(names)}
+
+
+def thing_ids(dataset: Dataset) -> set[int]:
+    """Return the ids of the labels that objects have in any world, without 0 (no label)."""
+    return {
+        thing.semantic_id
+        for world in dataset.worlds
+        for thing in dataset.legend(world).instances.values()
+    } - {0}

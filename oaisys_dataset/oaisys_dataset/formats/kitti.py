@@ -11,11 +11,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, invert
 from oaisys_core.output.records import write_json
-from oaisys_core.types import DEPTH, RGB, FloatArray, PinholeIntrinsics
+from oaisys_core.types import DEPTH, INSTANCE, RGB, FloatArray, PinholeIntrinsics
 from oaisys_dataset.formats.base import (
     LEFT_OUT_SCANS,
     WRITTEN_SCANS,
@@ -24,6 +25,8 @@ from oaisys_dataset.formats.base import (
     FormatConventions,
     write_file,
 )
+from oaisys_dataset.formats.objects.kitti_labels import LABEL_COLUMNS, frame_lines
+from oaisys_dataset.formats.objects.selection import SETTINGS, ObjectSelection
 from oaisys_dataset.formats.sequences import (
     LOST_DEPTH,
     CameraSequence,
@@ -50,7 +53,7 @@ LEFT, RIGHT = 2, 3
 """Numbers of KITTI's colour cameras."""
 
 CONVENTIONS = FormatConventions(
-    layout="""\
+    layout=f"""\
 | file | holds |
 |---|---|
 | `sequences/00/image_2/000000.png` | colour of a camera |
@@ -58,6 +61,7 @@ CONVENTIONS = FormatConventions(
 | `sequences/00/depth_2/000000.png` | depth in 16 bits; of KITTI's depth benchmark |
 | `sequences/00/velodyne/000000.bin` | points of the rig's first lidar: x, y, z, reflectance, \
 float32 |
+| `sequences/00/label_2/000000.txt` | objects in `image_2`, if the data set has their table |
 | `sequences/00/calib.txt` | projection matrices `P0` to `P3`, and `Tr` |
 | `sequences/00/times.txt` | seconds of simulated time since the world's first view |
 | `poses/00.txt` | pose of the left camera, the upper three rows of a matrix |
@@ -67,7 +71,10 @@ There are no grey images: `P0` and `P1` equal `P2` and `P3`. `Tr` takes points f
 frame (x forward, y left, z up) to the left camera's; without a lidar, it is that of one at the \
 camera's place. Points are as the lidar delivers them, not corrected for its motion during a scan. \
 Reflectance is the intensity divided by 255. Scans of further lidars, and of views without an \
-image, are left out and counted below.""",
+image, are left out and counted below.
+
+{LABEL_COLUMNS}
+* The layout of the object benchmark itself is the format `kitti_object`.""",
     reading="""\
 ```python
 from evo.tools import file_interface
@@ -91,7 +98,10 @@ class KittiFormat(DatasetFormat):
     writes_scans = True
     modalities = (RGB,)
     settings = MappingProxyType(
-        {"depth_per_m": "units of depth in a metre; 256, with which depth ends at 256 m"}
+        {
+            "depth_per_m": "units of depth in a metre; 256, with which depth ends at 256 m",
+            **SETTINGS,
+        }
     )
     conventions = CONVENTIONS
 
@@ -99,6 +109,7 @@ class KittiFormat(DatasetFormat):
         """See `DatasetFormat.write`."""
         units_per_m = options.number("depth_per_m", UNITS_PER_M, least=1.0)
         counts: Counter[str] = Counter()
+        selection = ObjectSelection(dataset, options, counts)
         described: dict[str, Any] = {}
         written: set[str] = set()
         for world, cameras in camera_sequences(dataset.records):
@@ -109,6 +120,9 @@ class KittiFormat(DatasetFormat):
                 scans = _first_lidar(dataset, world)
                 _write_texts(target, name, left, right, scans)
                 written |= _write_scans(dataset, folder, left, scans)
+                labels = _write_labels(dataset, folder, left, selection)
+                if labels:
+                    counts["object labels"] += labels
                 for number, camera in ((LEFT, left), (RIGHT, right)):
                     for place, record in enumerate(camera.records if camera else ()):
                         files = dataset.files(record)
@@ -145,11 +159,30 @@ def _write_scans(
         scan = scans.get(record.view)
         if scan is not None:
             points = dataset.scan(scan).data
-            columns = [*(points[axis] for axis in "xyz"), points["intensity"] / MAX_INTENSITY]
-            data = np.column_stack(columns).astype("<f4").tobytes()
-            write_file(folder, f"velodyne/{place:06d}.bin", data)
+            write_file(folder, f"velodyne/{place:06d}.bin", velodyne_bytes(points))
             written.add(scan.scan_id)
     return written
+
+
+def _write_labels(
+    dataset: Dataset, folder: Path, left: CameraSequence, selection: ObjectSelection
+) -> int:
+    """Write the objects of a sequence's images, and return their number."""
+    if not dataset.has_objects(left.world):
+        return 0
+    labels = 0
+    for place, record in enumerate(left.records):
+        if INSTANCE in record.images:
+            lines = frame_lines(dataset, record, selection, np.eye(3))
+            write_lines(folder, f"label_2/{place:06d}.txt", "", lines)
+            labels += len(lines)
+    return labels
+
+
+def velodyne_bytes(points: NDArray[Any]) -> bytes:
+    """Return the file of (N,) points of a lidar: x, y, z, reflectance, float32."""
+    columns = [*(points[axis] for axis in "xyz"), points["intensity"] / MAX_INTENSITY]
+    return np.column_stack(columns).astype("<f4").tobytes()
 
 
 def _with_color(camera: CameraSequence) -> CameraSequence:

@@ -124,20 +124,20 @@ def write_depth_png(
         units_per_m: Units of the PNG file in a metre.
     """
     depth_m = read_pixels(file, DEPTH, record.images[DEPTH].file)
-    png, lost = _depth_png(depth_m, units_per_m)
-    write_file(folder, name, png)
+    units, lost = depth_units(depth_m, units_per_m)
+    write_file(folder, name, encode_image(units))
     return lost
 
 
-def _depth_png(depth_m: NDArray[Any], units_per_m: float) -> tuple[bytes, int]:
-    """Return a 16-bit PNG of depth, and the number of pixels whose depth does not fit.
+def depth_units(depth_m: NDArray[Any], units_per_m: float) -> tuple[NDArray[np.uint16], int]:
+    """Return depth in whole units, and the number of pixels whose depth does not fit.
 
-    Those pixels are 0, like the pixels where nothing was hit.
+    Those pixels are 0, like the pixels without a measurement.
     """
     units = np.rint(depth_m.astype(np.float64) * units_per_m)
-    fits = units <= MAX_IN_PNG
+    fits = (units >= 0) & (units <= MAX_IN_PNG)
     lost = int(np.count_nonzero(np.isfinite(units) & ~fits))
-    return encode_image(np.where(fits, units, 0).astype(np.uint16)), lost
+    return np.where(fits, units, 0).astype(np.uint16), lost
 
 
 def numbers(values: Iterable[float], separator: str = " ") -> str:

@@ -1,0 +1,1 @@
+"""Formats for detectors, segmentation and object poses, and what they share."""
