@@ -1,4 +1,4 @@
-"""COCO: instances with run-length masks, and panoptic images with their segments."""
+"""COCO: instances with masks or polygons, and panoptic images with their segments."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,29 +22,41 @@ from oaisys_dataset.formats.base import (
     FormatConventions,
     complete_samples,
     label_names,
+    thing_ids,
     write_file,
 )
+from oaisys_dataset.formats.objects.outlines import mask_outlines
+from oaisys_dataset.formats.objects.selection import SETTINGS, ObjectSelection
 from oaisys_dataset.formats.segments import PixelSegment, number_segments, segments_of
 
 if TYPE_CHECKING:
     from oaisys_dataset.reader import Dataset, DatasetSample
 
-ANNOTATIONS = Path("annotations")
+ANNOTATIONS, PANOPTIC = Path("annotations"), Path("panoptic")
+"""Apart, because ultralytics' converter takes each JSON file beside instances for one of them."""
+
+RLE, POLYGONS = "rle", "polygons"
 
 CONVENTIONS = FormatConventions(
     layout="""\
 | file | holds |
 |---|---|
 | `SPLIT/FRAME.png` | colour |
-| `annotations/instances_SPLIT.json` | objects: run-length masks, boxes, areas |
-| `annotations/panoptic_SPLIT.json`, `annotations/panoptic_SPLIT/FRAME.png` | every pixel: objects \
-and ground; a segment's id is R + 256 G + 65536 B |
+| `annotations/instances_SPLIT.json` | objects: masks, boxes, areas |
+| `panoptic/panoptic_SPLIT.json`, `panoptic/panoptic_SPLIT/FRAME.png` | every pixel: objects and \
+ground; a segment's id is R + 256 G + 65536 B |
 
 * A category's id is the label id of `semantic_0`. *Things* are the labels that objects have in any
   world of the set, *stuff* is the rest: the ground, and the sky if it has a label.
 * An object's category is the label of most of its pixels. Pixels that have a thing's label but
   belong to no object (ground painted like a rock) are one annotation with `iscrowd` 1; all others
-  have `iscrowd` 0. Masks of both kinds are run-length encoded.
+  have `iscrowd` 0.
+* Masks are run-length encoded: Detectron2 needs `cfg.INPUT.MASK_FORMAT = "bitmask"` for them;
+  torchvision's detection reference and ultralytics read polygons alone. With
+  `--set segmentation=polygons`, objects have polygons along the edges of their pixels, one for each
+  part, with holes joined to them; crowds stay run-length encoded, as in COCO itself.
+* `--set min_area=` (pixels) and `--set min_visible=` (0 to 1, of an object's silhouette) leave
+  objects out; their pixels are void in panoptic images. They are counted below.
 * Pixels without a label are in no panoptic segment (id 0, *void*). Objects without a label have no
   annotation: they are counted below.
 * `bbox` is (left, top, width, height) in pixels from the image's *corner*: the first pixel covers 0
@@ -70,6 +82,9 @@ class CocoFormat(DatasetFormat):
 
     name = "coco"
     modalities = (RGB, SEMANTIC_0, INSTANCE)
+    settings = MappingProxyType(
+        {"segmentation": f"{RLE}, or {POLYGONS} for objects; {RLE}", **SETTINGS}
+    )
     conventions = CONVENTIONS
     has_fisheye = True
 
@@ -77,8 +92,10 @@ class CocoFormat(DatasetFormat):
         """See `DatasetFormat.write`."""
         categories = categories_of(dataset)
         counts: Counter[str] = Counter()
+        has_polygons = options.choice("segmentation", (RLE, POLYGONS)) == POLYGONS
+        masks = _Masks(ObjectSelection(dataset, options, counts), has_polygons)
         for split in dataset.splits:
-            with _SplitWriter(target, split, categories, options.license, counts) as writer:
+            with _SplitWriter(target, split, categories, options.license, masks, counts) as writer:
                 part = dataset.split(split)
                 for sample in complete_samples(part, self.modalities, counts):
                     writer.add(sample)
@@ -88,11 +105,7 @@ class CocoFormat(DatasetFormat):
 
 def categories_of(dataset: Dataset) -> list[dict[str, Any]]:
     """Return COCO's categories: the labels of all worlds, which are things or stuff."""
-    things = {
-        thing.semantic_id
-        for world in dataset.worlds
-        for thing in dataset.legend(world).instances.values()
-    }
+    things = thing_ids(dataset)
     return [
         {
             "id": label_id,
@@ -105,6 +118,13 @@ def categories_of(dataset: Dataset) -> list[dict[str, Any]]:
     ]
 
 
+class _Masks(NamedTuple):
+    """Which objects have an annotation, and whether their masks are polygons."""
+
+    selection: ObjectSelection
+    has_polygons: bool
+
+
 class _SplitWriter:
     """Writes the images and annotations of one split."""
 
@@ -114,12 +134,14 @@ class _SplitWriter:
         split: str,
         categories: list[dict[str, Any]],
         license_name: str,
+        masks: _Masks,
         counts: Counter[str],
     ) -> None:
+        self._masks = masks
         self._images = path_inside(target, split)
-        folder = target / ANNOTATIONS
-        self._panoptic = path_inside(folder, f"panoptic_{split}")
-        for each in (self._images, self._panoptic):
+        annotations, panoptic = target / ANNOTATIONS, target / PANOPTIC
+        self._panoptic = path_inside(panoptic, f"panoptic_{split}")
+        for each in (self._images, annotations, self._panoptic):
             each.mkdir(parents=True, exist_ok=True)
         self._is_thing = {each["id"]: bool(each["isthing"]) for each in categories}
         self._counts = counts
@@ -131,10 +153,10 @@ class _SplitWriter:
         }
         things = [each for each in categories if each["isthing"]]
         self._instances_json = _JsonLists(
-            path_inside(folder, f"instances_{split}.json"), {**head, "categories": things}
+            path_inside(annotations, f"instances_{split}.json"), {**head, "categories": things}
         )
         self._panoptic_json = _JsonLists(
-            path_inside(folder, f"panoptic_{split}.json"), {**head, "categories": categories}
+            path_inside(panoptic, f"panoptic_{split}.json"), {**head, "categories": categories}
         )
         self._files = ExitStack()
 
@@ -178,8 +200,14 @@ class _SplitWriter:
             sample.arrays[SEMANTIC_0], sample.arrays[INSTANCE]
         )
         infos = []
-        for segment in segments_of(numbers, labels, instances):
+        segments = list(segments_of(numbers, labels, instances))
+        visible_px = {each.instance_id: each.area_px for each in segments if each.instance_id}
+        chosen = {0, *self._masks.selection.chosen(sample.record, visible_px)}
+        for segment in segments:
             is_thing = self._is_thing.get(segment.label_id)
+            if segment.instance_id not in chosen:
+                numbers[numbers == segment.number] = 0
+                continue
             if is_thing is None:
                 self._counts["objects without a label, left out"] += 1
                 numbers[numbers == segment.number] = 0
@@ -187,21 +215,26 @@ class _SplitWriter:
             is_crowd = is_thing and not segment.instance_id
             infos.append(_segment_info(segment, is_crowd))
             if is_thing:
-                self._append_instance(segment, is_crowd, numbers.shape)
+                self._append_instance(segment, is_crowd, numbers)
         write_file(self._panoptic, file_name, encode_image(panoptic_colors(numbers)))
         annotation = {"image_id": self._image_id, "file_name": file_name, "segments_info": infos}
         self._panoptic_json.append("annotations", annotation)
         self._counts["panoptic segments"] += len(infos)
 
     def _append_instance(
-        self, segment: PixelSegment, is_crowd: bool, shape: tuple[int, ...]
+        self, segment: PixelSegment, is_crowd: bool, numbers: NDArray[np.int64]
     ) -> None:
         self._annotation_id += 1
+        if self._masks.has_polygons and not is_crowd:
+            outlines = mask_outlines(numbers == segment.number)
+            segmentation: Any = [ring.ravel().tolist() for ring in outlines]
+        else:
+            segmentation = _compress(segment, numbers.shape)
         annotation = {
             "id": self._annotation_id,
             "image_id": self._image_id,
             "category_id": segment.label_id,
-            "segmentation": _compress(segment, shape),
+            "segmentation": segmentation,
             "area": segment.area_px,
             "bbox": list(segment.bbox_px),
             "iscrowd": int(is_crowd),

@@ -10,12 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from object_worlds import object_config
 from PIL import Image
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
+from small_datasets import render_dataset
 from synthetic_datasets import LEGEND, drawn_arrays, frame_record, write_dataset
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_dataset import Dataset, open_dataset
+from oaisys_dataset.formats.base import ExportOptions
 from oaisys_dataset.formats.export import export_dataset
 from oaisys_dataset.places import open_place
 from oaisys_dataset.shards import writing_shard
@@ -111,8 +115,82 @@ def test_objects_without_a_label_are_left_out_and_counted(tmp_path: Path) -> Non
     left_out = len(np.unique(arrays["instance"])) - 1
     assert counts["objects without a label, left out"] == left_out
     assert "left out" in (tmp_path / "out/README.md").read_text()
-    (path,) = (tmp_path / "out/annotations/panoptic_train").iterdir()
+    (path,) = (tmp_path / "out/panoptic/panoptic_train").iterdir()
     assert np.array_equal(panoptic_ids(path) == VOID, arrays["instance"] > 0)
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    folder = tmp_path_factory.mktemp("known")
+    render_dataset(folder / "set", {0: "train", 1: "val"}, 3, object_config(folder))
+    return open_dataset(folder / "set")
+
+
+def test_polygons_are_the_masks_and_crowds_stay_run_lengths(known: Dataset, tmp_path: Path) -> None:
+    options = ExportOptions(settings={"segmentation": "polygons"})
+    export_dataset(known, "coco", tmp_path / "out", options)
+    coco = opened(tmp_path / "out", "train")
+    for image, sample in zip(coco.imgs.values(), known.split("train"), strict=True):
+        annotations = coco.loadAnns(coco.getAnnIds(image["id"]))
+        assert annotations
+        for annotation in annotations:
+            # torchvision's reference and ultralytics take lists of polygons alone.
+            assert isinstance(annotation["segmentation"], list)
+            assert all(len(ring) >= 6 for ring in annotation["segmentation"])
+            mask = sample.arrays["instance"] == annotation["instance_id"]
+            assert np.array_equal(coco.annToMask(annotation), mask)
+            assert annotation["area"] == mask.sum()
+    write_dataset(tmp_path / "set", {0: "train"})
+    export_dataset(open_dataset(tmp_path / "set"), "coco", tmp_path / "crowds", options)
+    crowded = opened(tmp_path / "crowds", "train")
+    kinds = {(a["iscrowd"], type(a["segmentation"])) for a in crowded.anns.values()}
+    assert kinds == {(0, list), (1, dict)}
+
+
+def test_small_and_hidden_objects_are_left_out_void_and_counted(
+    known: Dataset, tmp_path: Path
+) -> None:
+    options = ExportOptions(settings={"min_area": "60", "min_visible": "0.9"})
+    counts = export_dataset(known, "coco", tmp_path / "out", options)
+    small = hidden = 0
+    for split in ("train", "val"):
+        coco = opened(tmp_path / "out", split)
+        for image, sample in zip(coco.imgs.values(), known.split(split), strict=True):
+            rows = known.objects(sample.record)
+            chosen = {
+                row.instance_id: row
+                for row in rows
+                if row.visible_px >= 60 and row.visible_share >= 0.9
+            }
+            small += sum(row.visible_px < 60 for row in rows)
+            hidden += sum(row.visible_px >= 60 and row.visible_share < 0.9 for row in rows)
+            annotations = coco.loadAnns(coco.getAnnIds(image["id"]))
+            assert {each["instance_id"] for each in annotations} == set(chosen)
+            path = tmp_path / f"out/panoptic/panoptic_{split}" / image["file_name"]
+            ids, instance = panoptic_ids(path), sample.arrays["instance"]
+            for row in rows:
+                assert (ids[instance == row.instance_id] > 0).all() == (row.instance_id in chosen)
+    assert hidden
+    assert counts["objects below min_area, left out"] == small
+    assert counts["objects below min_visible, left out"] == hidden
+    assert f"left out | {hidden} |" in (tmp_path / "out/README.md").read_text()
+    bad = ExportOptions(settings={"min_area": "small"})
+    with pytest.raises(InvalidInputError, match=r"settings\.min_area"):
+        export_dataset(known, "coco", tmp_path / "bad", bad)
+
+
+def test_every_file_in_annotations_has_instances(exported: Path) -> None:
+    # ultralytics' convert_coco takes each JSON file there for one, and asks for these keys.
+    for path in (exported / "annotations").glob("*.json"):
+        data = json.loads(path.read_text())
+        images = {f"{image['id']:d}": image for image in data["images"]}
+        for annotation in data["annotations"]:
+            assert {"iscrowd", "bbox", "category_id", "segmentation"} <= set(annotation)
+            assert str(annotation["image_id"]) in images
+    assert [path.name for path in sorted(exported.glob("annotations/*"))] == [
+        "instances_train.json",
+        "instances_val.json",
+    ]
 
 
 def panoptic_ids(path: Path) -> NDArray[np.int64]:
@@ -122,7 +200,7 @@ def panoptic_ids(path: Path) -> NDArray[np.int64]:
 
 @pytest.mark.parametrize("split", ["train", "val"])
 def test_panoptic_images_obey_the_rules_of_panopticapi(exported: Path, split: str) -> None:
-    folder = exported / "annotations"
+    folder = exported / "panoptic"
     panoptic = json.loads((folder / f"panoptic_{split}.json").read_text())
     categories = {each["id"]: each for each in panoptic["categories"]}
     images = {each["id"]: each for each in panoptic["images"]}
@@ -149,7 +227,7 @@ def test_panoptic_images_obey_the_rules_of_panopticapi(exported: Path, split: st
 
 
 def test_panoptic_categories_are_the_semantic_labels(rendered: Dataset, exported: Path) -> None:
-    folder = exported / "annotations"
+    folder = exported / "panoptic"
     panoptic = json.loads((folder / "panoptic_val.json").read_text())
     for annotation, sample in zip(panoptic["annotations"], rendered.split("val"), strict=True):
         ids = panoptic_ids(folder / "panoptic_val" / annotation["file_name"])
