@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.types import (
     ALBEDO,
-    DEPTH,
+    DISTANCES,
     FLOW,
     INSTANCE,
     NORMAL,
-    RANGE,
     RGB,
     Frame,
     Sample,
@@ -78,7 +77,7 @@ def picture(frame: Frame, labels: Mapping[int, str]) -> NDArray[np.uint8]:
     data = frame.data
     if frame.modality in (RGB, ALBEDO):
         return np.asarray(data, np.uint8)
-    if frame.modality in (DEPTH, RANGE):
+    if frame.modality in DISTANCES:
         seen = data[np.isfinite(data)]
         near_m, far_m = (seen.min(), np.quantile(seen, 0.98)) if seen.size else (0.0, 1.0)
         return pictures.depth_picture(data, float(near_m), float(far_m))

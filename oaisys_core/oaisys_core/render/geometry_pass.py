@@ -25,11 +25,13 @@ from oaisys_core.render.base import FrameGroup
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
 from oaisys_core.types import (
     DEPTH,
+    DEPTH_TRUE,
     DISPARITY,
     FLOW,
     INSTANCE,
     NORMAL,
     RANGE,
+    RANGE_TRUE,
     RENDERED,
     FloatArray,
     Frame,
@@ -106,9 +108,9 @@ def _image(
     level = semantic_level(modality)
     if level is not None:
         return surface.semantic_ids(view, level)
-    if modality == DEPTH:
+    if modality in (DEPTH, DEPTH_TRUE):
         return view.depth_m.astype(np.float32)
-    if modality == RANGE:
+    if modality in (RANGE, RANGE_TRUE):
         return np.asarray(view.depth_m * np.linalg.norm(view.directions, axis=-1), np.float32)
     if modality == INSTANCE:
         return view.instance_ids

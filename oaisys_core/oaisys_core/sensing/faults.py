@@ -124,7 +124,8 @@ def measure_depth(
 def measure_frame(frame: Frame, faults: DepthFaults, capture: CaptureId) -> Frame:
     """Return the frame that a faulty sensor measures instead of the true one.
 
-    Depth and range have the same errors; other modalities have none.
+    Depth and range have the same errors; other modalities have none, `DEPTH_TRUE` and `RANGE_TRUE`
+    among them.
     """
     if frame.modality not in (DEPTH, RANGE) or not faults.active:
         return frame

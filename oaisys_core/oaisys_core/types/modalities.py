@@ -15,11 +15,18 @@ RGB = "rgb"
 
 DEPTH = "depth"
 
+DEPTH_TRUE = "depth_true"
+
 SEMANTIC_0 = "semantic_0"
 
 INSTANCE = "instance"
 
 RANGE = "range"
+
+RANGE_TRUE = "range_true"
+
+DISTANCES = frozenset({DEPTH, DEPTH_TRUE, RANGE, RANGE_TRUE})
+"""Modalities whose pixels are distances from the camera in metres."""
 
 NORMAL = "normal"
 
@@ -80,7 +87,9 @@ class ModalitySpec(NamedTuple):
 _MODALITIES: Mapping[str, ModalitySpec] = {
     RGB: ModalitySpec(np.dtype(np.uint8), 3),
     DEPTH: ModalitySpec(np.dtype(np.float32), 1),
+    DEPTH_TRUE: ModalitySpec(np.dtype(np.float32), 1),
     RANGE: ModalitySpec(np.dtype(np.float32), 1),
+    RANGE_TRUE: ModalitySpec(np.dtype(np.float32), 1),
     INSTANCE: ModalitySpec(np.dtype(np.uint32), 1),
     NORMAL: ModalitySpec(np.dtype(np.float32), 3),
     FLOW: ModalitySpec(np.dtype(np.float32), 2),
@@ -101,7 +110,8 @@ def modality_spec(modality: str) -> ModalitySpec:
 
     * ``rgb``: sRGB colour. ``albedo``: sRGB-encoded reflectance, without light and effects.
     * ``depth``: planar z in metres, of a fisheye the same as ``range``; ``range``: metres along the
-      ray; ``+inf`` where nothing is hit.
+      ray; ``+inf`` where nothing is hit. Faults of the sensors change both; ``depth_true`` and
+      ``range_true`` are the same without faults.
     * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 for none.
     * ``normal``: unit normals in the optical frame, towards the camera; 0 where nothing is hit.
     * ``flow``: motion (du, dv) in pixels since the sensor's previous sample of the surface that a

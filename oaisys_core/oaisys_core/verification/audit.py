@@ -18,6 +18,7 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     DEPTH,
+    DEPTH_TRUE,
     INSTANCE,
     Frame,
     ModuleMetadata,
@@ -143,7 +144,7 @@ def audit_frames(
     views: dict[str, list[tuple[Window, ReferenceView]]] = {}
     for frame in frames:
         level = semantic_level(frame.modality)
-        if level is None and frame.modality not in (DEPTH, INSTANCE):
+        if level is None and frame.modality not in (DEPTH, DEPTH_TRUE, INSTANCE):
             continue
         if frame.sensor not in views:
             windows = random_windows(frame.intrinsics, rng)
@@ -172,7 +173,7 @@ def random_windows(intrinsics: PinholeIntrinsics, rng: np.random.Generator) -> l
 def _audit_window(
     frame: Frame, seen: ReferenceView, reference: ReferenceScene, level: int | None
 ) -> AuditResult:
-    if frame.modality == DEPTH:
+    if frame.modality in (DEPTH, DEPTH_TRUE):
         inner = _off_edges(seen.instance_ids, np.isfinite(seen.depth_m))
         known, rendered = seen.depth_m[inner], frame.data[inner].astype(np.float64)
         error_m = np.abs(

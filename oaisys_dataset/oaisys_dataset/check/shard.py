@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.types import DEPTH, INSTANCE, POINTS, RANGE, SEMANTIC_0, semantic_level
+from oaisys_core.types import DISTANCES, INSTANCE, POINTS, SEMANTIC_0, semantic_level
 from oaisys_dataset.check.manifests import DueViews, check_manifests
 from oaisys_dataset.check.object_rows import ObjectRowsCheck
 from oaisys_dataset.check.report import ShardResult
@@ -184,7 +184,7 @@ def _check_scan(
 
 def _wrong_values(modality: str, pixels: NDArray[Any]) -> str:
     """Return what is wrong with pixels; empty for nothing. Sensor faults are not wrong."""
-    if modality in (DEPTH, RANGE) and (np.isfinite(pixels) & (pixels <= 0)).any():
+    if modality in DISTANCES and (np.isfinite(pixels) & (pixels <= 0)).any():
         return "some depths are not positive"
     return ""
 

@@ -20,7 +20,7 @@ from oaisys_core.output.records import pose_from_record
 from oaisys_core.raycast.object_views import ObjectFinder
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, INSTANCE, Frame, SensorInfo, TriangleMesh
+from oaisys_core.types import DEPTH, DEPTH_TRUE, INSTANCE, Frame, SensorInfo, TriangleMesh
 from oaisys_core.verification.audit import AuditResult, audit_frames, sum_results
 from oaisys_core.verification.reference_scene import ReferenceScene
 from oaisys_core.world.batch import state_of
@@ -108,7 +108,8 @@ class TruthCheck:
             self._check_scans(dataset, [s for s in scans if s.view == view], surface, result)
         if surface is not None and not self._differs_by_view():
             for record in _others(records, chosen, geometry):
-                self._check_points(dataset.sample(record, _only(record, DEPTH)), surface, result)
+                depths = _only(record, DEPTH, DEPTH_TRUE)
+                self._check_points(dataset.sample(record, depths), surface, result)
             others = _others(scans, chosen, geometry)
             self._check_scans(dataset, others, surface, result)
         self._judge(world, result)
@@ -160,8 +161,10 @@ class TruthCheck:
         self, sample: DatasetSample, surface: WorldSurface, result: TruthResult
     ) -> None:
         """Check that random pixels of a frame are on the surface."""
-        depth_m = sample.arrays.get(DEPTH)
-        if depth_m is None or self._has_faults or sample.record.sensor in self._rolling:
+        depth_m = sample.arrays.get(DEPTH_TRUE)
+        if depth_m is None and not self._has_faults:
+            depth_m = sample.arrays.get(DEPTH)
+        if depth_m is None or sample.record.sensor in self._rolling:
             return
         rows, columns = np.nonzero(np.isfinite(depth_m))
         chosen = self._rng.permutation(len(rows))[:POINTS]
@@ -196,7 +199,7 @@ class TruthCheck:
         result.audited = sum_results(result.audited)
         for each in result.audited:
             if each.wrong_share > LARGEST_WRONG_SHARE:
-                check = "surface" if each.modality == DEPTH else "labels"
+                check = "surface" if each.modality in (DEPTH, DEPTH_TRUE) else "labels"
                 text = (
                     f"{each.wrong_share:.4%} of {each.pixels} pixels off edges differ from the"
                     f" world, expected at most {LARGEST_WRONG_SHARE:.2%}"

@@ -202,7 +202,7 @@ class _SplitWriter:
         infos = []
         segments = list(segments_of(numbers, labels, instances))
         visible_px = {each.instance_id: each.area_px for each in segments if each.instance_id}
-        chosen = {0, *self._masks.selection.chosen(sample.record, visible_px)}
+        chosen = {0, *self._masks.selection.choose(sample.record, visible_px)}
         for segment in segments:
             is_thing = self._is_thing.get(segment.label_id)
             if segment.instance_id not in chosen:

@@ -17,7 +17,7 @@ from oaisys_core.geometry import (
     project,
     transform_points,
 )
-from oaisys_core.types import DEPTH, RGB, FloatArray, PinholeIntrinsics
+from oaisys_core.types import DEPTH, DEPTH_TRUE, RGB, FloatArray, PinholeIntrinsics
 
 if TYPE_CHECKING:
     from oaisys_dataset.manifest import FrameRecord
@@ -86,7 +86,9 @@ def _view(dataset: Dataset, record: FrameRecord) -> DepthView:
             return np.full((camera.height_px, camera.width_px), np.inf, np.float32)
         return dataset.sample(record, (modality,)).arrays[modality]
 
-    return DepthView(camera, record.pose, partial(image, DEPTH), partial(image, RGB))
+    # Points are the true surface, also where a sensor's depth is noisy.
+    depth = DEPTH_TRUE if DEPTH_TRUE in record.images else DEPTH
+    return DepthView(camera, record.pose, partial(image, depth), partial(image, RGB))
 
 
 def surface_points(

@@ -29,11 +29,11 @@ from oaisys_core.types import (
     DEPTH,
     DIGITAL,
     DISPARITY,
+    DISTANCES,
     FLOW,
     INSTANCE,
     NORMAL,
     RADIANCE,
-    RANGE,
     RGB,
     Frame,
     SensorInfo,
@@ -69,8 +69,7 @@ TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
 
 ENCODING_BY_MODALITY = {
     RGB: "rgb8",
-    DEPTH: "32FC1",
-    RANGE: "32FC1",
+    **dict.fromkeys(sorted(DISTANCES), "32FC1"),
     INSTANCE: "32SC1",
     NORMAL: "32FC3",
     FLOW: "32FC2",
@@ -79,9 +78,6 @@ ENCODING_BY_MODALITY = {
     RADIANCE: "32FC3",
     **{each: each for each in DIGITAL},
 }
-
-DISTANCES = (DEPTH, RANGE)
-"""Modalities whose pixels are distances from the camera."""
 
 COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
 """Names of the compressed variants in image_transport."""
@@ -124,11 +120,11 @@ def has_colors(modality: str) -> bool:
 def topic_variants(modality: str) -> tuple[str, ...]:
     """Return the names of a modality's compressed topics.
 
-    Depth and range have two topics with the same messages: the name of image_transport, and the
+    Depths and ranges have two topics with the same messages: the name of image_transport, and the
     name that all images have.
     """
     encoding = ENCODING_BY_MODALITY.get(modality, "")
-    if modality in (DEPTH, RANGE):
+    if modality in DISTANCES:
         return (COMPRESSED, COMPRESSED_DEPTH)
     if encoding in COLORS | IDS | LABELS or semantic_level(modality) is not None:
         return (COMPRESSED,)

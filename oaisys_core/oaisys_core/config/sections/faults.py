@@ -19,7 +19,8 @@ class FaultsConfig(Section):
 
     All faults are drawn from (seed, batch, sample, sensor), so a sample that is rendered again has
     the same ones. The parameters ``faults.*`` of the ROS bridge have the same names and effects; if
-    both are set, the faults are applied twice.
+    both are set, the faults are applied twice. They change ``depth`` and ``range``; the modalities
+    ``depth_true`` and ``range_true`` show the same view without them.
 
     Attributes:
         enabled: Whether faults are applied; metadata may turn them off for a sample.

@@ -53,7 +53,7 @@ def frame_lines(
         InvalidInputError: Its world has no table of objects.
     """
     rows = object_rows(dataset, record, "objects")
-    chosen = selection.chosen(record, {row.instance_id: row.visible_px for row in rows})
+    chosen = selection.choose(record, {row.instance_id: row.visible_px for row in rows})
     return label_lines(rows, chosen, record.camera, R_label_camera)
 
 

@@ -42,7 +42,7 @@ class ObjectSelection:
             received = options.settings["min_visible"]
             raise InvalidInputError("settings.min_visible", received, "a number from 0 to 1")
 
-    def chosen(self, record: FrameRecord, visible_px: dict[int, int]) -> set[int]:
+    def choose(self, record: FrameRecord, visible_px: dict[int, int]) -> set[int]:
         """Return the ids of the objects of a frame that count.
 
         Args:

@@ -104,7 +104,7 @@ def _lines(
     ids = sample.arrays[INSTANCE]
     numbered = number_segments(np.zeros_like(ids), ids)
     segments = list(segments_of(*numbered))
-    chosen = selection.chosen(sample.record, {s.instance_id: s.area_px for s in segments})
+    chosen = selection.choose(sample.record, {s.instance_id: s.area_px for s in segments})
     legend = dataset.legend(sample.record.world).instances
     lines = []
     for segment in segments:
