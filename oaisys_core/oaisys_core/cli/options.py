@@ -36,7 +36,9 @@ SeedOption = Annotated[int | None, typer.Option(help="Root seed.")]
 BackendOption = Annotated[str | None, typer.Option(help="blender or analytic.")]
 QualityOption = Annotated[
     str | None,
-    typer.Option(help="Quality of colour: preview, standard, high, final or geometry (none)."),
+    typer.Option(
+        help="Quality of colour: draft, preview, standard, high, final or geometry (none)."
+    ),
 ]
 SizeOption = Annotated[
     str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled accordingly.")

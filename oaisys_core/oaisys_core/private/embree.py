@@ -41,9 +41,9 @@ ROBUST = 4
 """Values of ``RTCDeviceProperty``, ``RTCGeometryType``, ``RTCBufferType``, ``RTCFormat`` and
 ``RTCSceneFlags``."""
 
-PACKET, FIELDS = 8, 21
-"""Rays per call, and 32-bit fields per ray, of an ``RTCRayHit8``: the most that Embree casts
-together without AVX-512."""
+PACKET, FIELDS, RAY_FIELDS = 8, 21, 12
+"""Rays per call, and 32-bit fields per ray, of an ``RTCRayHit8`` and of an ``RTCRay8``: the most
+that Embree casts together without AVX-512."""
 ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, FLAGS = slice(0, 3), 3, slice(4, 7), 7, 8, 9, 11
 PRIMITIVE, INSTANCE, INSTANCE_PRIMITIVE = 17, 19, 20
 """Indices of fields."""
@@ -72,6 +72,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "rtcAttachGeometry": (c_uint, [c_void_p, c_void_p]),
     "rtcReleaseGeometry": (None, [c_void_p]),
     "rtcIntersect8": (None, [c_void_p] * 4),
+    "rtcOccluded8": (None, [c_void_p] * 4),
 }
 
 
@@ -184,16 +185,9 @@ class EmbreeScene:
             mesh without instances, only the triangle is valid.
         """
         count = len(directions)
-        packets = _packets(-(-count // PACKET))
+        packets = _packets_of(origins, directions, limits, FIELDS)
         ids = packets.view(np.uint32)
-        packets[:, (NEAR, TIME)] = 0.0
-        ids[:, MASK:] = INVALID_ID
-        ids[:, FLAGS] = 0
-        _fill(packets[:, ORIGIN], np.broadcast_to(origins, directions.shape), 0.0)
-        _fill(packets[:, DIRECTION], directions, 0.0)
-        # The last packet is filled up with rays of negative length, which hit nothing.
-        _fill(packets[:, FAR : FAR + 1], limits[:, None], -np.inf)
-        self._cast(packets)
+        self._cast(packets, self._library.rtcIntersect8)
         places = (INSTANCE, INSTANCE_PRIMITIVE, PRIMITIVE)
         found = np.stack([ids[:, place].ravel()[:count] for place in places])
         return packets[:, FAR].ravel()[:count], found
@@ -205,10 +199,18 @@ class EmbreeScene:
         distances, ids = self.nearest(origins, directions, np.full(len(directions), np.inf))
         return distances, ids[-1]
 
+    def occludes(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """See `TriangleBvh.occludes`; also for a scene of instances."""
+        limits = np.full(len(directions), np.inf)
+        packets = _packets_of(origins, directions, limits, RAY_FIELDS)
+        self._cast(packets, self._library.rtcOccluded8)
+        # Embree sets the length of a ray that hits something to minus infinity.
+        return np.asarray(packets[:, FAR].ravel()[: len(directions)] < 0)
+
     def prepare(self) -> None:
         """See `TriangleBvh.prepare`; the scene is built already."""
 
-    def _cast(self, packets: NDArray[np.float32]) -> None:
+    def _cast(self, packets: NDArray[np.float32], function: Any) -> None:
         """Write the hits into packets of rays, one call per packet."""
         valid = _allocate_aligned((PACKET,), np.int32)
         valid[:] = -1
@@ -216,7 +218,7 @@ class EmbreeScene:
         addresses = range(start, start + packets.nbytes, size)
         # Embree has no call for many packets; this loop runs without Python bytecode.
         calls = map(
-            self._library.rtcIntersect8,
+            function,
             repeat(valid.ctypes.data),
             repeat(self.handle),
             addresses,
@@ -237,9 +239,20 @@ def blenders_embree() -> Embree | None:
         return None
 
 
-def _packets(count: int) -> NDArray[np.float32]:
-    """Return an uninitialised (count, FIELDS, PACKET) array."""
-    return _allocate_aligned((count, FIELDS, PACKET), np.float32)
+def _packets_of(
+    origins: FloatArray, directions: FloatArray, limits: FloatArray, fields: int
+) -> NDArray[np.float32]:
+    """Return rays as a (packets, fields, PACKET) array."""
+    packets = _allocate_aligned((-(-len(directions) // PACKET), fields, PACKET), np.float32)
+    packets[:, (NEAR, TIME)] = 0.0
+    ids = packets.view(np.uint32)
+    ids[:, MASK:] = INVALID_ID
+    ids[:, FLAGS] = 0
+    _fill(packets[:, ORIGIN], np.broadcast_to(origins, directions.shape), 0.0)
+    _fill(packets[:, DIRECTION], directions, 0.0)
+    # The last packet is filled up with rays of negative length, which hit nothing.
+    _fill(packets[:, FAR : FAR + 1], limits[:, None], -np.inf)
+    return packets
 
 
 def _allocate_aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:

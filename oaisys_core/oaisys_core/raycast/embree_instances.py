@@ -64,3 +64,9 @@ class EmbreeInstanceTarget(InstanceTarget):
             matvec(T[:, :3, :3], directions[rays]),
         )
         keep_nearest(best, found, rays, distances, self.first[instances] + triangles)
+
+    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """See `RayTarget`."""
+        if self.has_cut_outs.any():
+            return super().occludes(origins_m, directions)
+        return self._scene.occludes(origins_m - self._origin_m, directions)

@@ -79,6 +79,17 @@ class FarGroundTarget(RayTarget):
             found[rays] = np.minimum(found[rays], level_m)
         return found, elements
 
+    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """See `RayTarget`; parallel rays steeper than all of it are not even cast."""
+        if not len(directions):
+            return np.zeros(0, np.bool_)
+        ray = directions[0]
+        if not (directions == ray).all():
+            return super().occludes(origins_m, directions)
+        if ray[2] > np.hypot(ray[0], ray[1]) * self._steepest(origins_m):
+            return np.zeros(len(directions), np.bool_)
+        return self._triangles.occludes(origins_m, directions)
+
     def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
         """See `RayTarget`."""
         normals = np.tile((0.0, 0.0, 1.0), (len(elements), 1))

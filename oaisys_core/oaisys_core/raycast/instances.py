@@ -51,6 +51,7 @@ class InstanceTarget(RayTarget):
         instance_ids: (N,) uint32.
         T_map_object, T_object_map: (N, 4, 4).
         low_m, high_m: (N, 3) corners of the instances' bounding boxes.
+        has_cut_outs: Of each placement, whether rays go through some of its triangles.
     """
 
     def __init__(self, placed: Sequence[PlacedPrototype]) -> None:
@@ -66,7 +67,7 @@ class InstanceTarget(RayTarget):
         self.T_object_map = _inverse(self.T_map_object)
         self.low_m, self.high_m = self._bounds()
         self.top_m = float(self.high_m[:, 2].max())
-        self._has_cut_outs = np.array([mesh.textures.has_cut_outs for mesh in self.meshes])
+        self.has_cut_outs = np.array([mesh.textures.has_cut_outs for mesh in self.meshes])
         self.has_images = any(mesh.textures.has_any for mesh in self.meshes)
 
     @abstractmethod
@@ -96,7 +97,7 @@ class InstanceTarget(RayTarget):
         limits = best.copy()
         directions = directions.reshape(-1, 3)
         self.find(origins_m, directions, best, found)
-        if self._has_cut_outs.any():
+        if self.has_cut_outs.any():
             self._pass_holes(origins_m, directions, limits, best, found)
         best[found == NO_ELEMENT] = np.inf
         return best.reshape(shape), found.reshape(shape)
@@ -161,7 +162,7 @@ class InstanceTarget(RayTarget):
         """Return (N,) whether elements have a surface at (N, 3) points in ``map`` on them."""
         solid = np.ones(len(elements), np.bool_)
         instances = self._instances_of(elements)
-        cut = np.flatnonzero(self._has_cut_outs[self.groups[instances]])
+        cut = np.flatnonzero(self.has_cut_outs[self.groups[instances]])
         for group, numbers in self.by_group(instances[cut]):
             rows = cut[numbers]
             triangles, points = self._in_objects(elements[rows], points_m[rows])
@@ -176,6 +177,10 @@ class InstanceTarget(RayTarget):
             if textures.has_any:
                 albedo[rows] = textures.albedo(*self._in_objects(elements[rows], points_m[rows]))
         return albedo
+
+    def triangles_of(self, elements: NDArray[np.int64]) -> NDArray[np.int64]:
+        """See `RayTarget`."""
+        return elements - self.first[self._instances_of(elements)]
 
     def _in_objects(
         self, elements: NDArray[np.int64], points_m: FloatArray

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.embree_instances import EmbreeInstanceTarget
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
@@ -17,6 +20,21 @@ MERGED_TRIANGLES = 12_000_000
 mesh, which rays hit ten times as fast, but which takes 0.1 GB per million triangles."""
 
 
+class MergedTarget(TriangleTarget):
+    """All instances of some placements as one mesh."""
+
+    def __init__(self, placed: Sequence[PlacedPrototype]) -> None:
+        super().__init__([each.merge() for each in placed])
+        counts = [each.triangle_count for each in placed]
+        self._first = np.cumsum([0, *counts])
+        self._sizes = np.array([each.mesh.triangle_count for each in placed])
+
+    def triangles_of(self, elements: NDArray[np.int64]) -> NDArray[np.int64]:
+        """See `RayTarget`."""
+        placement = np.searchsorted(self._first, elements, side="right") - 1
+        return np.asarray((elements - self._first[placement]) % self._sizes[placement])
+
+
 class PlacementTargets:
     """Keeps targets of static and of moving placements, so that motion rebuilds only the latter.
 
@@ -28,7 +46,7 @@ class PlacementTargets:
         self._meshes: dict[int, PrototypeMesh] = {}
         self._static: list[PlacedPrototype] = []
         self._static_targets: list[RayTarget] = []
-        self._merged: TriangleTarget | None = None
+        self._merged: MergedTarget | None = None
         self._moving: list[PlacedPrototype] = []
         self._moving_targets: list[RayTarget] = []
         self.start_batch(scene)
@@ -75,7 +93,7 @@ class PlacementTargets:
         triangles = sum(each.triangle_count for each in plain)
         if self._embree is not None or not plain or triangles > MERGED_TRIANGLES:
             return [self._instances(placed)]
-        self._merged = TriangleTarget([each.merge() for each in plain])
+        self._merged = MergedTarget(plain)
         # Colours and cut-outs are looked up by instance.
         textured = [each for each in placed if each.mesh.textures.has_any]
         return [self._merged, *([self._instances(textured)] if textured else [])]

@@ -61,6 +61,15 @@ class View:
         """Return a view of some rows; that of a slice shares its memory with the whole."""
         return View(**{name: array[rows] for name, array in self._arrays().items()})
 
+    def pixels(self, pixels: NDArray[np.intp]) -> View:
+        """Return a view of one column of (N,) pixels, which count row by row."""
+        return View(
+            **{
+                name: array.reshape(-1, 1, *array.shape[2:])[pixels]
+                for name, array in self._arrays().items()
+            }
+        )
+
     def _arrays(self) -> dict[str, NDArray[Any]]:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
@@ -285,6 +294,59 @@ class Surface:
         away = (normals * view.directions).sum(axis=-1) > 0
         normals[away] *= -1
         return normals
+
+    def triangles_of(self, view: View) -> NDArray[np.int64]:
+        """Return the (N,) triangles of a view of one column, in the meshes of their objects."""
+        triangles = np.zeros(len(view.depth_m), np.int64)
+        for index in np.unique(view.targets).tolist():
+            if index != NO_TARGET:
+                seen = view.targets[:, 0] == index
+                triangles[seen] = self._targets[index].triangles_of(view.elements[seen, 0])
+        return triangles
+
+    def occluded(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """Return (R,) whether (R, 3) rays from (R, 3) origins in ``map`` hit anything."""
+        found = np.zeros(len(directions), np.bool_)
+        rows: NDArray[np.intp] | slice = slice(None)
+        for target in self._targets:
+            found[rows] = target.occludes(origins_m[rows], directions[rows])
+            rows = np.flatnonzero(~found)
+        return found
+
+    def is_far_ground(self, view: View) -> NDArray[np.bool_]:
+        """Return (H, W) which pixels show the ground beyond the stage."""
+        if self._far_ground is None:
+            return np.zeros(view.targets.shape, np.bool_)
+        return np.asarray(view.targets == len(self._targets) - 1)
+
+    def ground_triangles(self) -> TriangleMesh:
+        """Return the triangles of the stage, in the order of its elements, without ids."""
+        return self._ground or ground_mesh(self._scene)
+
+    def object_heights_m(
+        self, xy_m: FloatArray, below_m: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.uint32]]:
+        """Return the (N,) heights of the topmost objects below a height, and their instance ids.
+
+        NaN and 0 where there is none.
+
+        Args:
+            xy_m: (N, 2) in ``map``.
+            below_m: (N,); ``+inf`` for all heights.
+        """
+        height_m = np.full(len(xy_m), np.nan)
+        ids = np.zeros(len(xy_m), np.uint32)
+        down = np.broadcast_to((0.0, 0.0, -1.0), (len(xy_m), 3))
+        for target in self._targets:
+            if target is self._ground_target or target is self._far_ground:
+                continue
+            start_m = np.minimum(below_m, target.top_m + 1.0)
+            found_m, elements = target.intersect(np.column_stack((xy_m, start_m)), down)
+            found_m = start_m - found_m
+            higher = np.flatnonzero(np.isfinite(found_m) & ~(found_m <= height_m))
+            height_m[higher] = found_m[higher]
+            ids[higher] = target.instance_ids_of(elements[higher])
+        return height_m, ids
 
     def own_albedo(self, view: View) -> FloatArray | None:
         """Return the (H, W, 3) linear albedo where objects have images; elsewhere NaN.

@@ -78,6 +78,14 @@ class RayTarget(ABC):
         """
         return np.full(points_m.shape, np.nan)
 
+    def triangles_of(self, elements: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the index of each element among the triangles of its object's own mesh."""
+        return elements
+
+    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """Return (R,) whether (R, 3) rays from (R, 3) origins hit it anywhere."""
+        return np.isfinite(self.intersect(origins_m, directions)[0])
+
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is nothing."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
@@ -101,6 +109,9 @@ class TriangleBvh(Protocol):
         ``origins`` may be (3,) for all rays. Distances are in units of the directions' lengths,
         ``+inf`` for a miss.
         """
+
+    def occludes(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """Return (R,) whether (R, 3) rays hit any triangle."""
 
     def prepare(self) -> None:
         """Build it now rather than at the first cast."""
@@ -163,6 +174,12 @@ class TriangleTarget(RayTarget):
         origins = local_m if local_m.ndim == 1 else local_m[hit]
         distances[hit] = exact_distances(distances[hit], corners, normals, origins, directions[hit])
         return distances, elements
+
+    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """See `RayTarget`."""
+        if self._bvh is None:
+            return np.zeros(len(directions), np.bool_)
+        return self._bvh.occludes(origins_m - self._origin_m, directions)
 
     def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
         """See `RayTarget`."""
@@ -260,6 +277,14 @@ class Open3DBvh:
         rays[:, :3], rays[:, 3:] = origins, directions
         found = self._scene.cast_rays(o3d.core.Tensor(rays))
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
+
+    def occludes(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """See `TriangleBvh.occludes`."""
+        import open3d as o3d
+
+        rays = np.empty((len(directions), 6), dtype=np.float32)
+        rays[:, :3], rays[:, 3:] = origins, directions
+        return np.asarray(self._scene.test_occlusions(o3d.core.Tensor(rays)).numpy())
 
     def prepare(self) -> None:
         """See `TriangleBvh.prepare`."""

@@ -13,6 +13,8 @@ from oaisys_core.errors import NotReadyError
 from oaisys_core.procedural.environment.light import white_gains
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
+from oaisys_core.render.draft.draft import DraftRenderer
+from oaisys_core.render.draft.frames import DRAFT, develop, draft_frames
 from oaisys_core.render.geometry_pass import PoseMemory, frame_of, frames_of
 from oaisys_core.render.lidar import LidarCaster
 from oaisys_core.render.light_images import light_images
@@ -49,6 +51,7 @@ class AnalyticBackend(Backend):
     def __init__(self) -> None:
         self._surface: Surface | None = None
         self._palette: Palette | None = None
+        self._draft = DraftRenderer()
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
         self.exposures: dict[str, float] = {}
@@ -103,7 +106,12 @@ class AnalyticBackend(Backend):
             progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
             if camera.name in views:
                 view = views.pop(camera.name)
-                frames = _colors(surface, palette, view, camera, settings, self.exposures)
+                if settings.quality == DRAFT:
+                    found = draft_frames(self._draft, surface, view, camera, settings, develop)
+                    self.exposures |= found.exposures
+                    frames = found.frames
+                else:
+                    frames = _colors(surface, palette, view, camera, settings, self.exposures)
                 yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
 

@@ -40,10 +40,12 @@ class TextureSamples(NamedTuple):
     Attributes:
         uv_tiles: (K, N, 2) texture coordinates.
         weights: (K, N) weights, which sum to 1.
+        turns_rad: (K, N) angles by which the coordinates were turned; None: by none.
     """
 
     uv_tiles: FloatArray
     weights: FloatArray
+    turns_rad: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,10 @@ class VoronoiTiling:
         x, y = xy_tiles.T
         moved = np.column_stack((cos * x - sin * y + shift_u, sin * x + cos * y + shift_v))
         weight = _bilinear_repeated(self.weights, texel - 0.5)
-        return TextureSamples(np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)))
+        turns_rad = np.stack((angle, np.zeros_like(angle)))
+        return TextureSamples(
+            np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)), turns_rad
+        )
 
 
 @dataclass(frozen=True)

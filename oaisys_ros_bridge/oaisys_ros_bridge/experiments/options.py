@@ -27,7 +27,9 @@ SeedOption = Annotated[int | None, typer.Option(help="Seed of the (first) world.
 BackendOption = Annotated[str | None, typer.Option(help="Renderer: blender or analytic.")]
 QualityOption = Annotated[
     str | None,
-    typer.Option(help="Quality of colour: preview, standard, high, final or geometry (none)."),
+    typer.Option(
+        help="Quality of colour: draft, preview, standard, high, final or geometry (none)."
+    ),
 ]
 BagOption = Annotated[bool, typer.Option(help="Record all topics to a rosbag2 MCAP bag.")]
 NamespaceOption = Annotated[

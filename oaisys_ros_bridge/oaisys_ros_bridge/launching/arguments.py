@@ -125,7 +125,8 @@ _EXPERIMENT = {
     ),
     "quality": Argument(
         "",
-        "Quality of colour: preview, standard, high, final or geometry; empty: as configured.",
+        "Quality of colour: draft, preview, standard, high, final or geometry; empty: as "
+        "configured.",
     ),
     "voxel_size": Argument("0.1", "Voxel size of the map, metres."),
     "key": Argument("", "PEM file of an Ed25519 key that signs the certificate; empty: none."),

@@ -103,7 +103,9 @@ class RenderConfig(Section):
     """Rendering of colour images; depth and labels are exact at every quality.
 
     Attributes:
-        quality: Preset of samples per pixel and bounces; ``geometry`` renders no colour.
+        quality: Preset of samples per pixel and bounces. ``geometry`` renders no colour. ``draft``
+            shades the rays that depth is cast with, in a fraction of a second and without noise;
+            samples, bounces, denoising, depth of field and motion blur do not matter to it.
         samples: Samples per pixel; None for those of the preset.
         max_samples: Samples per pixel of views full of plants. Views have between ``samples`` and
             so many, by how much of them shows fine things such as leaves, or is in shade. None for
@@ -133,7 +135,8 @@ class RenderConfig(Section):
             highlights like film; ``agx_contrast`` has the contrast of a camera's pictures beside;
             ``standard`` clips radiance at white and encodes it as sRGB, so
             that linear values are proportional to light; ``raw`` is the same without the encoding.
-            The analytic backend always uses ``standard``.
+            Without Blender, ``draft`` approximates those of film (within 1.4 of 255 for 95 % of
+            the values), and all other qualities of the analytic backend use ``standard``.
         passes: Modalities to render, out of those of the sensors; None for all. Each must be one of
             some camera, and no colour with the quality ``geometry``.
         camera_look: Preset of ``effects``, each of which replaces that of the preset.
@@ -145,7 +148,7 @@ class RenderConfig(Section):
         effects: Effects of lens and sensor on colour.
     """
 
-    quality: Literal["geometry", "preview", "standard", "high", "final"] = "standard"
+    quality: Literal["geometry", "draft", "preview", "standard", "high", "final"] = "standard"
     samples: Annotated[int, Field(ge=1, le=65536)] | None = None
     max_samples: Annotated[int, Field(ge=1, le=65536)] | None = None
     denoise: bool = True

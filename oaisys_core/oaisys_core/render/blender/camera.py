@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from math import ceil, floor, isclose, log2, sqrt
+from math import ceil, isclose, sqrt
 from typing import Any, NamedTuple
 
 import bpy
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_OPTICAL_BLENDER, pixel_rays
 from oaisys_core.render.blender.fisheye import Pixel, fisheye_image, fisheye_to_render, set_fisheye
+from oaisys_core.render.shading.looks import pixel_angle_rad
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
@@ -38,12 +39,6 @@ camera rebuilds none of them."""
 
 ANGLE = "angle"
 """Name of its node that multiplies by the angle of a pixel."""
-
-STEPS = 4
-"""Steps per octave that angles are rounded to, so that similar cameras change nothing."""
-
-PIXELS = 2.0
-"""Pixels per footprint, so that a texel is one to two pixels large (Nyquist)."""
 
 
 def new_camera() -> Any:
@@ -200,13 +195,6 @@ def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
     wanted = pixel_angle_rad(intrinsics)
     if abs(angle.default_value - wanted) > 1e-6 * wanted:
         angle.default_value = wanted
-
-
-def pixel_angle_rad(intrinsics: PinholeIntrinsics) -> float:
-    """Return the angle by which materials choose levels of detail, see `PIXELS` and `STEPS`."""
-    angle_rad = 1 / max(intrinsics.fx_px, intrinsics.fy_px)
-    octaves = floor(STEPS * log2(angle_rad) + 1e-6) / STEPS
-    return PIXELS * float(2.0**octaves)
 
 
 def footprint_group() -> Any:

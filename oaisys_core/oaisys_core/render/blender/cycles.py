@@ -29,13 +29,12 @@ from oaisys_core.render.blender.postprocessing import (
 )
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.render.blender.tone_mapping import (
-    BASE_EXPOSURE_EV,
     VIEW_TRANSFORMS,
-    ExposedImage,
     picture_of,
 )
 from oaisys_core.scene.sky import Color
 from oaisys_core.sensing.render_settings import Device, RenderSettings
+from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV, ExposedImage
 
 SHORTEST_PATTERN, LONGEST_PATTERN = 256, 8192
 """Lengths of the table of Cycles' sampling pattern, which is a power of two."""

@@ -14,7 +14,6 @@ from oaisys_core.errors import NotReadyError
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.blender.adaptive_samples import adapt
-from oaisys_core.render.blender.camera import pixel_angle_rad
 from oaisys_core.render.blender.color import ColorImages, ColorRenderer
 from oaisys_core.render.blender.cycles import Cycles
 from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
@@ -22,6 +21,9 @@ from oaisys_core.render.blender.objects.lamps import LampObjects
 from oaisys_core.render.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.render.blender.objects.sky import Lights
 from oaisys_core.render.blender.precision import check_precision
+from oaisys_core.render.blender.tone_mapping import picture_of
+from oaisys_core.render.draft.draft import DraftRenderer
+from oaisys_core.render.draft.frames import DRAFT, draft_frames
 from oaisys_core.render.geometry_pass import (
     BackgroundGeometry,
     PoseMemory,
@@ -29,6 +31,7 @@ from oaisys_core.render.geometry_pass import (
     frames_of,
 )
 from oaisys_core.render.lidar import LidarCaster
+from oaisys_core.render.shading.looks import pixel_angle_rad
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
@@ -72,6 +75,8 @@ class BlenderBackend(Backend):
         self._lights = Lights()
         self._lamps = LampObjects()
         self._colors = ColorRenderer(self._cycles, self._lights)
+        self._draft = DraftRenderer(self._scene_geometry.images)
+        self._is_draft = False
         self._surface: Surface | None = None
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
@@ -79,8 +84,8 @@ class BlenderBackend(Backend):
 
     @property
     def device(self) -> str:  # type: ignore[override]
-        """What Cycles renders on."""
-        return self._cycles.device
+        """What colour was rendered on."""
+        return "cpu" if self._is_draft else self._cycles.device
 
     @property
     def version(self) -> str:
@@ -131,9 +136,12 @@ class BlenderBackend(Backend):
         self.samples_per_pixel = None
         self.exposures = {}
         for camera in cameras:
-            if RENDERED.intersection(camera.modalities):
+            if RENDERED.intersection(camera.modalities) and settings.quality != DRAFT:
                 check_precision(surface, camera)
-        if any(RENDERED.intersection(camera.modalities) for camera in cameras):
+        self._is_draft = settings.quality == DRAFT
+        if self._is_draft:
+            yield from self._drafts(cameras, settings, progress)
+        elif any(RENDERED.intersection(camera.modalities) for camera in cameras):
             yield from self._with_colors(cameras, settings, progress)
         elif frames := self._geometry(cameras, progress):
             yield FrameGroup.of(frames)
@@ -216,6 +224,26 @@ class BlenderBackend(Backend):
                     images = {ALBEDO: self._colors.albedo(scene, camera, chosen, left_s, seen)}
                 geometry.group.result()
                 yield FrameGroup.of([frame_of(camera, *each) for each in images.items()])
+
+    def _drafts(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+    ) -> Iterator[FrameGroup]:
+        """Render colours without Cycles, after the geometry."""
+        surface = self._require_built()
+        views: dict[str, View] = {}
+        if frames := self._geometry(cameras, progress, views):
+            yield FrameGroup.of(frames)
+        for index, camera in enumerate(cameras):
+            if not RENDERED.intersection(camera.modalities):
+                continue
+            progress(Progress("color", index / len(cameras)))
+            view = views.pop(camera.name, None) or surface.view(camera)
+            found = draft_frames(self._draft, surface, view, camera, settings, picture_of)
+            self.exposures |= found.exposures
+            yield FrameGroup.of(found.frames)
 
     def _color_renders(
         self, camera: PlacedCamera, settings: RenderSettings

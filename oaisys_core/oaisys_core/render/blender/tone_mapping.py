@@ -5,7 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import bpy
 import numpy as np
@@ -13,11 +13,8 @@ import PyOpenColorIO
 from numpy.typing import NDArray
 
 from oaisys_core.render.geometry_pass import CORES
-from oaisys_core.sensing.exposure import meter_ev
 from oaisys_core.sensing.render_settings import RenderSettings, ViewTransform
-
-BASE_EXPOSURE_EV = 0.6
-"""Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
+from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV, ExposedImage, exposure_of
 
 VIEW_TRANSFORMS = {
     "agx_contrast": ("AgX", "AgX - Medium High Contrast"),
@@ -29,24 +26,6 @@ VIEW_TRANSFORMS = {
 """Blender's names of the view transforms and their looks; all of them give sRGB, except raw, which
 is linear."""
 
-WHITE = {"agx_contrast": 4.0, "agx": 4.0, "filmic": 4.0, "standard": 1.0, "raw": 1.0}
-"""Linear value that each view transform shows as white, or hardly darker."""
-
-
-class ExposedImage(NamedTuple):
-    """A finished colour image.
-
-    Attributes:
-        pixels: (H, W, 3) uint8, as the view transform encodes it.
-        exposure_ev: Its exposure in stops, fixed or metered.
-        radiance: (H, W, 3) float32 of what is seen, in scene units, before exposure and white
-            balance.
-    """
-
-    pixels: NDArray[np.uint8]
-    exposure_ev: float
-    radiance: NDArray[np.float32]
-
 
 def picture_of(
     radiance: NDArray[np.float32], is_surface: NDArray[np.bool_], settings: RenderSettings
@@ -55,11 +34,7 @@ def picture_of(
 
     ``is_surface`` are the (H, W) pixels that do not show the sky, for the meter.
     """
-    exposure_ev = settings.exposure_ev
-    if exposure_ev is None:
-        white = WHITE[settings.view_transform]
-        meter = settings.auto_exposure
-        exposure_ev = meter_ev(radiance, is_surface, meter, white, BASE_EXPOSURE_EV)
+    exposure_ev = exposure_of(radiance, is_surface, settings)
     pixels = to_pixels(radiance, settings.view_transform, BASE_EXPOSURE_EV + exposure_ev)
     return ExposedImage(pixels, exposure_ev, radiance)
 

@@ -29,6 +29,7 @@ class QualityPreset(NamedTuple):
 
 PRESETS = {
     "geometry": QualityPreset(samples=1, max_bounces=0),
+    "draft": QualityPreset(samples=1, max_bounces=0),
     "preview": QualityPreset(samples=1, max_bounces=2),
     "standard": QualityPreset(samples=3, max_bounces=2, max_samples=6),
     "high": QualityPreset(samples=8, max_bounces=3),

@@ -10,26 +10,20 @@ from oaisys_core.procedural.contact_map import ContactMap
 from oaisys_core.render.blender.materials.haze import through_haze
 from oaisys_core.render.blender.materials.images import BYTE, new_image
 from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
-from oaisys_core.render.blender.objects.contact import BED, DUST
-from oaisys_core.render.blender.objects.instances import SIZE
-
-MAX_DUST, DUST_ON_TOP = 0.85, 0.25
-"""Share of dust at the ground, and on what faces upward."""
-
-CONTACT, CONTACT_SHARE = 0.6, 0.25
-"""Brightness at the very contact with the ground, and where it ends as a share of the dust."""
-
-FINES_FROM, MAX_FINES = 0.6, 0.7
-"""Value of a contact map from which fines hide the ground as far as they do, and how far."""
-
-DARK_FROM, DARKEST, FINES_BRIGHTNESS = 0.55, 0.35, 1.08
-"""Value from which fines get darker, and their brightness at the thing and away from it. There,
-they are damp and in the shade of pores, and light from the sky comes from one side only."""
-
-FINES_ROUGHNESS = 0.9
-
-TRACK_DARKENING = 0.4
-"""Share of the light that soil under wheels reflects less: it is pressed, and rough with cleats."""
+from oaisys_core.render.blender.objects.instances import BED, DUST, SIZE
+from oaisys_core.render.shading.looks import (
+    CONTACT,
+    CONTACT_SHARE,
+    DARK_FROM,
+    DARKEST,
+    DUST_ON_TOP,
+    FINES_BRIGHTNESS,
+    FINES_FROM,
+    FINES_ROUGHNESS,
+    MAX_DUST,
+    MAX_FINES,
+    TRACK_DARKENING,
+)
 
 DRIVEN = "driven"
 """Property of the ground with `driven_shares`."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from math import log2
 from typing import Any
 
 import bpy
@@ -21,13 +20,12 @@ import numpy as np
 
 from oaisys_core.color import encode_srgb
 from oaisys_core.procedural.contact_map import ContactMap
-from oaisys_core.procedural.textures.levels import MIN_PX
 from oaisys_core.render.blender.compat import node_tree_of
 from oaisys_core.render.blender.materials.contact import contact_image, with_rims
 from oaisys_core.render.blender.materials.ground_layer import MaterialLevel, MaterialTables
 from oaisys_core.render.blender.materials.ground_level import LevelNodes
 from oaisys_core.render.blender.materials.haze import through_haze
-from oaisys_core.render.blender.materials.images import BYTE, ImageStore, mean_colors, new_image
+from oaisys_core.render.blender.materials.images import BYTE, ImageStore, new_image
 from oaisys_core.render.blender.materials.land import land_relief
 from oaisys_core.render.blender.materials.layer_weights import (
     LayerWeights,
@@ -36,21 +34,15 @@ from oaisys_core.render.blender.materials.layer_weights import (
 )
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket, in_group
 from oaisys_core.render.blender.materials.surfaces import (
-    is_glossy,
     new_material,
     show,
     without_detail,
 )
 from oaisys_core.render.blender.materials.water import wet
+from oaisys_core.render.shading.ground_contact import mean_colors
+from oaisys_core.render.shading.looks import footprints_m, is_glossy, varies
 from oaisys_core.scene.surroundings import LandDetail, MacroVariation
 from oaisys_core.scene.terrain_material import TerrainMaterial
-from oaisys_core.scene.tiling import PlainTiling, StochasticTiling, VoronoiTiling
-
-LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
-"""Texture lookups of each kind of tiling."""
-
-MAX_LOOKUPS = 100
-"""A material with more lookups over all layers, sides and levels uses every other level only."""
 
 MEAN_PX = 256
 """Edge length of the image of the ground that indirect light sees."""
@@ -184,22 +176,3 @@ def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
     means = mean_colors(material, images)
     np.multiply(encode_srgb(np.stack(masks, axis=-1) @ means), BYTE, out=pixels[..., :3])
     return new_image("ground_mean", pixels, is_float=False, is_color=True)
-
-
-def varies(material: TerrainMaterial) -> bool:
-    """Return whether the ground's colour varies beyond its textures."""
-    variation = material.variation
-    has_range = bool(variation.brightness or variation.tint)
-    return has_range and bool(np.ptp(material.layers[0].maps.height))
-
-
-def footprints_m(material: TerrainMaterial) -> list[float]:
-    """Return the footprints of a pixel at which the next level of the textures begins."""
-    sets = [layer.maps for layer in material.layers]
-    finest_m = min(maps.tile_m / len(maps.color_srgb) for maps in sets)
-    coarsest_m = max(maps.tile_m / MIN_PX for maps in sets)
-    octaves = max(0, round(log2(coarsest_m / finest_m)))
-    lookups = sum(LOOKUPS[type(layer.tiling)] for layer in material.layers)
-    lookups *= 3 if material.projects_sides else 1
-    stride = 1 if lookups * octaves <= MAX_LOOKUPS else 2
-    return [finest_m * 2**step for step in range(0, octaves + 1, stride)]

@@ -27,14 +27,15 @@ from oaisys_core.procedural.textures.borders import (
 )
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.raycast.surface import View, bands
-from oaisys_core.render.blender.materials.ground import footprints_m, varies
-from oaisys_core.render.blender.materials.ground_layer import (
+from oaisys_core.render.blender.materials.images import ImageStore
+from oaisys_core.render.shading.looks import (
+    STEEP_COS,
     VARIATION_TILES,
     VARIATION_TURN_RAD,
+    footprints_m,
+    is_glossy,
+    varies,
 )
-from oaisys_core.render.blender.materials.ground_level import STEEP_COS
-from oaisys_core.render.blender.materials.images import ImageStore
-from oaisys_core.render.blender.materials.surfaces import is_glossy
 from oaisys_core.render.shading.shading import in_haze
 from oaisys_core.scene.sky import Sky
 from oaisys_core.scene.terrain_material import PbrMaps, TerrainMaterial

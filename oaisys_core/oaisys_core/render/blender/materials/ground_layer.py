@@ -14,31 +14,20 @@ from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.render.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.render.blender.materials.tiling import TextureLookup, TilingNodes
+from oaisys_core.render.shading.looks import (
+    ALONG_BEDS,
+    BED_CONTRAST,
+    BED_SCALE,
+    BELOW_SURFACE,
+    MAX_TURNED_LAYERS,
+    VARIATION_TILES,
+    VARIATION_TURN_RAD,
+    cliff_tiling,
+)
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.scene.surroundings import MacroVariation
 from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
-from oaisys_core.scene.tiling import PlainTiling, Tiling, voronoi_tiling
-
-VARIATION_TILES, VARIATION_TURN_RAD = 7.3, 0.65
-"""Size, in tiles of the first layer, and rotation of the pattern that varies the ground's colour,
-chosen so that pattern and texture do not repeat together."""
-
-BED_SCALE = (8.0, 1 / 5)
-"""Size of the beds of a cliff, along it and upright, in units of the ground's macro variation: from
-0.8 m on, and forty times as long as thick."""
-
-BED_CONTRAST = 2.0
-"""Contrast of beds in units of that of the macro variation."""
-
-ALONG_BEDS = (0.8, 0.6, 0.0)
-"""Direction along which beds vary, in ``map``."""
-
-CLIFF_TILING = voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
-"""How textures are laid onto cliffs, which show many tiles at once, if layers ask for none and are
-at most `MAX_TURNED_LAYERS`."""
-
-MAX_TURNED_LAYERS = 2
-"""A turned texture takes two lookups for each layer, whether it is seen or not."""
+from oaisys_core.scene.tiling import PlainTiling, Tiling
 
 NUDGE = 1e-12
 """Times something that only one part of the material has, added to coordinates: far less than their
@@ -56,11 +45,6 @@ class Plane(NamedTuple):
 
     place: Socket
     axes: tuple[int, int] | None
-
-
-BELOW_SURFACE = (0.97, 1.0, 1.03)
-"""Colour of light that was scattered below the surface of snow or ice, relative to its albedo: ice
-absorbs red most."""
 
 
 class MaterialTables(NamedTuple):
@@ -194,7 +178,7 @@ class LayerNodes:
         is_few = len(self._level.material.layers) <= MAX_TURNED_LAYERS
         if self._plane.axes is None or not is_free or not is_few:
             return layer.tiling
-        return CLIFF_TILING
+        return cliff_tiling()
 
     def _lookups(self, index: int, nudge: Socket) -> tuple[PbrMaps, list[TextureLookup]]:
         """Return the texture set that is seen of a layer, and where, moved by a nudge."""

@@ -24,13 +24,7 @@ from oaisys_core.render.blender.materials.nodes import (
     in_group,
     node_group,
 )
-
-STEEP_COS = (0.77, 0.57)
-"""Vertical component of the normal (40 and 55 degrees of slope) between which the texture projected
-from above gives way to those from the sides."""
-
-SIDE_BLEND = 2.5
-"""Sharpness of the transition between two sides."""
+from oaisys_core.render.shading.looks import SIDE_BLEND, STEEP_COS
 
 NOISE_STEP = 97
 """Multiples of a random number, whose fractions are as good as independent: there are 2^24."""

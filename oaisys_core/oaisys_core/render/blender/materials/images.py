@@ -8,10 +8,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.textures.borders import Heights, height_levels
-from oaisys_core.procedural.textures.levels import levels_of
-from oaisys_core.render.shading.shading import mean_color
-from oaisys_core.scene import PbrMaps, TerrainMaterial
+from oaisys_core.render.shading.texture_levels import LevelStore
+from oaisys_core.scene import PbrMaps
 
 BYTE = np.float32(1 / 255)
 """Factor from bytes to the floats that Blender takes."""
@@ -19,33 +17,16 @@ BYTE = np.float32(1 / 255)
 OPAQUE = np.full((1, 1), 255, dtype=np.uint8)
 
 
-def mean_colors(material: TerrainMaterial, images: ImageStore) -> NDArray[np.float64]:
-    """Return the (L, 3) linear mean colours of the layers."""
-    return np.array([mean_color(images.levels(layer.maps)[-1]) for layer in material.layers])
-
-
-class ImageStore:
+class ImageStore(LevelStore):
     """Blender's images of texture sets; each map is converted on first use."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
-        self._levels: dict[int, tuple[PbrMaps, ...]] = {}
-        self._heights: dict[int, Heights] = {}
-
-    def levels(self, maps: PbrMaps) -> tuple[PbrMaps, ...]:
-        """Return the levels of detail of a texture set, finest first, see `levels_of`."""
-        if id(maps) not in self._levels:
-            levels = self._levels[id(maps)] = levels_of(maps)
-            self._heights.update(zip(map(id, levels), height_levels(levels), strict=True))
-        return self._levels[id(maps)]
-
-    def heights(self, maps: PbrMaps) -> Heights:
-        """Return the heights of a level by which borders follow its relief."""
-        return self._heights[id(maps)]
 
     def color(self, maps: PbrMaps) -> Any:
         """Return the albedo with `heights` in alpha."""
-        heights = self._heights[id(maps)].texels
+        heights = self.heights(maps).texels
         return self._store(maps, "color", maps.color_srgb, heights, is_color=True)
 
     def normal_roughness(self, maps: PbrMaps) -> Any:
@@ -60,12 +41,7 @@ class ImageStore:
         """Remove images that no material uses any more."""
         unused = [key for key, (_, image) in self._images.items() if image.users <= 1]
         bpy.data.batch_remove([self._images.pop(key)[1] for key in unused])
-        used = {key for key, _ in self._images}
-        for key, levels in list(self._levels.items()):
-            if used.isdisjoint(map(id, levels)):
-                del self._levels[key]
-                for level in levels:
-                    del self._heights[id(level)]
+        self.keep_levels({key for key, _ in self._images})
 
     def _store(
         self,

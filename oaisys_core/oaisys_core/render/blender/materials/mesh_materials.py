@@ -14,11 +14,11 @@ from oaisys_core.render.blender.materials.images import BYTE, new_image
 from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
 from oaisys_core.render.blender.materials.surfaces import (
     PAINT,
-    ROUGHNESS,
     diffuse,
     new_material,
     paint_vertices,
 )
+from oaisys_core.render.shading.looks import OBJECT_ROUGHNESS
 from oaisys_core.scene import MeshMaterial, MeshPrototype, Wrap
 
 UV = "uv"
@@ -62,7 +62,7 @@ def _material(material: MeshMaterial, is_painted: bool) -> Any:
         mixed = tree.color_mix(1.0, color, paint)
         mixed.blend_type = "MULTIPLY"
         color = mixed.outputs[MIX_RESULT]
-    surface, airlight = diffuse(tree, color, ROUGHNESS, None)
+    surface, airlight = diffuse(tree, color, OBJECT_ROUGHNESS, None)
     air = tree.add("Emission", {"Color": airlight}).outputs[0]
     surface = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
     if material.opacity is not None:

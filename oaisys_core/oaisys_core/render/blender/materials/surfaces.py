@@ -15,41 +15,25 @@ from oaisys_core.render.blender.materials.haze import through_haze, without_ligh
 from oaisys_core.render.blender.materials.images import BYTE, ImageStore
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.render.blender.objects.instances import SIZE
+from oaisys_core.render.shading.looks import (
+    BOX_BLEND,
+    DULL,
+    IOR,
+    OBJECT_ROUGHNESS,
+    PLANT_BRIGHTNESS,
+    ROCK_BRIGHTNESS,
+    ROCK_BUMP_M,
+    SHINY,
+    THROUGH_LEAF,
+)
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.scene import MeshPrototype, PbrMaps
-
-BOX_BLEND = 0.25
-"""Blend of Blender's box projection between adjacent sides of a rock."""
-
-ROCK_BUMP_M = 0.02
-"""Height range of a rock texture's bump map."""
-
-ROCK_BRIGHTNESS = (0.85, 0.3)
-"""Least brightness factor of a rock, and the range of its random part."""
-
-PLANT_BRIGHTNESS = (0.82, 0.36)
-"""Least brightness factor of a plant, and the range of its random part."""
-
-THROUGH_LEAF = (1.15, 1.1, 0.6)
-"""Colour of light that went through a leaf, relative to that of light that its surface reflects:
-chlorophyll and carotenes absorb blue on the longer way."""
 
 PAINT = "paint"
 """Name of a mesh's colour attribute."""
 
-ROUGHNESS = 0.5
-
 BY_CHANCE = 1
 """Index of materials whose samples are reflected or let through by chance, see `postprocessing`."""
-
-IOR = 1.33
-"""Refractive index of water; ice has 1.31."""
-
-SHINY, DULL = 0.25, 0.6
-"""Roughness up to which a film of water or ice is complete, and from which there is none."""
-
-SHINY_SHARE = 0.01
-"""Ground is rendered with gloss if a larger share of its texture is smoother than `DULL`."""
 
 
 def rock_material(maps: PbrMaps, images: ImageStore, dust_m: float) -> Any:
@@ -160,7 +144,7 @@ def color_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
         return result
     if prototype.dust_m:
         color = with_dust(tree, color, 0.5, prototype.dust_m)
-    show(tree, *diffuse(tree, color, ROUGHNESS, None))
+    show(tree, *diffuse(tree, color, OBJECT_ROUGHNESS, None))
     return result
 
 
@@ -169,7 +153,7 @@ def _show_leaves(tree: NodeTree, color: Socket) -> None:
     least, range_ = PLANT_BRIGHTNESS
     random = tree.add("ObjectInfo").outputs["Random"]
     color = tree.scale(color, tree.math("MULTIPLY_ADD", random, range_, least))
-    surface, airlight = diffuse(tree, color, ROUGHNESS, None)
+    surface, airlight = diffuse(tree, color, OBJECT_ROUGHNESS, None)
     through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
     behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]
     share = tree.add("Attribute", attribute_name=PAINT).outputs["Alpha"]
@@ -190,12 +174,6 @@ def paint_vertices(prototype: MeshPrototype, mesh: Any, alpha: NDArray[np.uint8]
         np.multiply(alpha, BYTE, out=rgba[:, 3])
     layer = mesh.color_attributes.new(PAINT, "BYTE_COLOR", "POINT")
     layer.data.foreach_set("color_srgb", rgba.ravel())
-
-
-def is_glossy(maps: PbrMaps) -> bool:
-    """Return whether a texture set has enough glossy parts to render them."""
-    shiny = np.count_nonzero(maps.roughness < DULL * 255)
-    return bool(shiny > SHINY_SHARE * maps.roughness.size)
 
 
 def add_gloss(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket) -> Socket:

@@ -14,12 +14,12 @@ from oaisys_core.render.blender.materials.images import new_image
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.render.blender.materials.surfaces import (
     BY_CHANCE,
-    IOR,
     PAINT,
     diffuse,
     new_material,
     show,
 )
+from oaisys_core.render.shading.looks import IOR, WET_DARKENING
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -35,9 +35,6 @@ RIPPLES_TO_M = 8.0
 
 ROUGHNESS = 0.06
 """Of ripples finer than the image."""
-
-WET_DARKENING = 0.45
-"""Share of the light that wet ground reflects less: water between the grains scatters forwards."""
 
 
 def water_material(prototype: MeshPrototype) -> Any:

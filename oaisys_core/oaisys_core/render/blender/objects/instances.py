@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.render.blender.objects.contact import BED, DUST, GroundContact
+from oaisys_core.render.shading.ground_contact import GroundContact
 from oaisys_core.scene import Placement
 from oaisys_core.types import FloatArray
 
@@ -24,6 +24,12 @@ ROTATION = "turned"
 
 ID = "instance_id"
 """Attribute of an instance, or property of an object, with its id, see `ids_to_floats`."""
+
+BED = "bed"
+"""Attribute of an instance, or property of an object: see `GroundContact.bed`."""
+
+DUST = "dust"
+"""Attribute of an instance, or property of an object: see `GroundContact.dust`."""
 
 NODES = "instances"
 """Name of the node group."""

@@ -32,18 +32,19 @@ class SceneGeometry:
 
     Attributes:
         ground_albedo: The albedo of the ground that was built last.
+        images: Images of texture sets, and their levels of detail.
     """
 
     ground_albedo: GroundAlbedo
     _materials: GroundMaterials
 
     def __init__(self) -> None:
-        self._images = ImageStore()
+        self.images = ImageStore()
         self._ground: Any = None
         self._ground_meshes = GroundMeshes()
         self._far_ground = FarGroundObject()
         self._scene: Scene | None = None
-        self._objects = SceneObjects(self._images)
+        self._objects = SceneObjects(self.images)
         self._rims_of: tuple[object, ...] | None = None
         self._driven: list[float] = []
 
@@ -62,9 +63,9 @@ class SceneGeometry:
         self._scene = scene
         if self._ground is None:
             mesh = self._ground_meshes.make(scene.ground)
-            self._materials = GroundMaterials(scene.material, self._images, bool(scene.tracks))
+            self._materials = GroundMaterials(scene.material, self.images, bool(scene.tracks))
             mesh.materials.append(self._materials.stage)
-            self.ground_albedo = GroundAlbedo(scene.material, self._images)
+            self.ground_albedo = GroundAlbedo(scene.material, self.images)
             self._ground = new_object("ground", mesh, np.eye(4))
             self._rims_of, self._driven = None, []
         self._show_contact(scene)
@@ -131,7 +132,7 @@ class SceneGeometry:
 
     def _purge(self) -> None:
         bpy.data.orphans_purge(do_recursive=True)
-        self._images.remove_unused()
+        self.images.remove_unused()
 
 
 class FarGroundObject:

@@ -19,14 +19,16 @@ from oaisys_core.render.blender.materials.surfaces import (
     rock_material,
 )
 from oaisys_core.render.blender.materials.water import water_material
-from oaisys_core.render.blender.objects.contact import (
+from oaisys_core.render.blender.objects.instances import (
     BED,
     DUST,
-    ContactGround,
-    GroundContact,
+    ID,
+    SIZE,
+    InstancedMesh,
+    ids_to_floats,
 )
-from oaisys_core.render.blender.objects.instances import ID, SIZE, InstancedMesh, ids_to_floats
 from oaisys_core.render.blender.objects.meshes import new_mesh, new_object
+from oaisys_core.render.shading.ground_contact import ContactGround, GroundContact
 from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene
 from oaisys_core.types import FloatArray
 

@@ -9,15 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import ground_plane, stage_ground
-from oaisys_core.render.blender.materials.images import ImageStore, mean_colors
-from oaisys_core.scene import Scene
+from oaisys_core.render.shading.shading import mean_color
+from oaisys_core.render.shading.texture_levels import LevelStore
+from oaisys_core.scene import Scene, TerrainMaterial
 from oaisys_core.types import FloatArray
-
-BED = "bed"
-"""Attribute of an instance, or property of an object: see `GroundContact.bed`."""
-
-DUST = "dust"
-"""Attribute of an instance, or property of an object: see `GroundContact.dust`."""
 
 REACH = 0.35
 """Distance from an instance's origin at which slopes of the ground are taken, in sizes."""
@@ -40,14 +35,14 @@ class GroundContact:
 class ContactGround:
     """Finds the contact of instances with the ground of a scene."""
 
-    def __init__(self, scene: Scene, images: ImageStore) -> None:
+    def __init__(self, scene: Scene, store: LevelStore) -> None:
         self._ground, self._material = stage_ground(scene), scene.material
-        self._images = images
+        self._store = store
 
     @cached_property
     def _colors(self) -> FloatArray:
         """(L, 3) mean linear colours of the layers."""
-        return mean_colors(self._material, self._images)
+        return mean_colors(self._material, self._store)
 
     def __call__(self, T_map_object: FloatArray) -> GroundContact:
         """Return the contact of instances at (N, 4, 4) poses; level ground outside the stage."""
@@ -57,3 +52,8 @@ class ContactGround:
         bed = np.column_stack((slope, height_m - position[:, 2]))
         dust = self._material.weights_at(position[:, :2]) @ self._colors
         return GroundContact(bed.astype(np.float32), dust.astype(np.float32))
+
+
+def mean_colors(material: TerrainMaterial, store: LevelStore) -> FloatArray:
+    """Return the (L, 3) linear mean colours of the layers."""
+    return np.array([mean_color(store.levels(layer.maps)[-1]) for layer in material.layers])

@@ -1,0 +1,1 @@
+"""Colour from cast rays, without sampling noise: the quality `draft` of both backends."""

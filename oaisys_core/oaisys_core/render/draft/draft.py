@@ -1,0 +1,226 @@
+"""Colour of a view from the rays that found its depth: textures, sun with shadows, sky, lamps."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from math import pi
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from oaisys_core.procedural.contact_map import stage_ground
+from oaisys_core.procedural.environment.light import sun_color
+from oaisys_core.raycast.surface import Surface, View, bands
+from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
+from oaisys_core.render.draft.diffuse import RoughDiffuse
+from oaisys_core.render.draft.parts import Parts
+from oaisys_core.render.draft.sun_light import SunLight
+from oaisys_core.render.geometry_pass import CORES
+from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
+from oaisys_core.render.shading.looks import THROUGH_LEAF, pixel_angle_rad
+from oaisys_core.render.shading.shading import in_haze
+from oaisys_core.render.shading.texture_levels import LevelStore
+from oaisys_core.scene import PlacedCamera, Scene, Sky
+
+LIFT_M, LIFT_SHARE = 4e-4, 6e-5
+"""Distance of shadow rays' beginnings from the surface, and its share of that from the eye."""
+
+GRAZING_COS, GRAZING_LIFT = 0.12, 0.08
+"""Cosine of the sun's angle to the ground below which they begin higher, and how much at most, as a
+share of the distance between the ground's vertices."""
+
+AROUND_SHARE = 12
+"""The light of surfaces nearby is a mean over this part of the picture's width."""
+
+FILTER_SHARE = 0.12
+"""Share of its light that a pixel gives to each neighbour, in both directions."""
+
+PIXEL_FILTER = np.array((FILTER_SHARE, 1 - 2 * FILTER_SHARE, FILTER_SHARE), np.float32)
+
+
+UP = np.array([(0, 0, 1)], np.float32)
+
+
+class Shaded(NamedTuple):
+    """The colours of a view.
+
+    Attributes:
+        radiance: (H, W, 3) scene-linear.
+        albedo: (H, W, 3) linear, 0 where nothing was hit.
+    """
+
+    radiance: Floats
+    albedo: Floats
+
+
+class DraftRenderer:
+    """Shades views of a world; what a world needs for that is made at its first view."""
+
+    def __init__(self, store: LevelStore | None = None) -> None:
+        """Make nothing yet; ``store`` may share levels of textures with others."""
+        self._parts = Parts(store or LevelStore())
+
+    def shade(self, surface: Surface, view: View, camera: PlacedCamera) -> Shaded:
+        """Return the colours of a camera's pixels, whose rays go through their centres.
+
+        Args:
+            surface: The surface of the world.
+            view: What it shows to the camera.
+            camera: The camera.
+        """
+        self._parts.take_over(surface)
+        shape = view.depth_m.shape
+        look = Appearance(
+            np.zeros((*shape, 3), np.float32),
+            np.zeros((*shape, 3), np.float32),
+            np.zeros((*shape, 3), np.float32),
+            np.ones(shape, np.float32),
+            np.zeros(shape, np.float32),
+        )
+        pixel_rad = pixel_angle_rad(camera.intrinsics)
+        distance_m = _distances_m(view)
+        scene = surface.scene
+        with ThreadPoolExecutor(CORES) as pool:
+
+            def look_at(rows: slice) -> None:
+                footprint_m = distance_m[rows] * pixel_rad
+                self._look(surface, view.rows(rows), footprint_m, look, rows)
+
+            list(pool.map(look_at, bands(*shape)))
+            sun_share = self._sun_shares(surface, view, look, distance_m)
+            light = sun_share, _around(view, look, sun_share, scene.sky)
+
+            def shade(rows: slice) -> Floats:
+                part = Appearance(*(each[rows] for each in look))
+                shares = (each[rows] for each in light)
+                return self._shade(scene, view.rows(rows), part, distance_m[rows], *shares)
+
+            image = np.concatenate(list(pool.map(shade, bands(*shape))))
+        border = cv2.BORDER_REFLECT
+        image = cv2.sepFilter2D(image, -1, PIXEL_FILTER, PIXEL_FILTER, borderType=border)
+        return Shaded(np.asarray(image), look.albedo)
+
+    def _look(
+        self, surface: Surface, view: View, footprint_m: Floats, look: Appearance, rows: slice
+    ) -> None:
+        """Write, into some rows of ``look``, how the points of a view look."""
+        for is_shown, find in (
+            (view.is_ground, self._ground_look),
+            (view.instance_ids > 0, self._parts.objects.at),
+        ):
+            pixels = np.flatnonzero(is_shown)
+            if not len(pixels):
+                continue
+            found = find(surface, view.pixels(pixels), footprint_m.reshape(-1)[pixels])
+            for into, values in zip(look, found, strict=True):
+                part = into[rows]
+                part.reshape(-1, *part.shape[2:])[pixels] = values
+
+    def _ground_look(self, surface: Surface, view: View, footprint_m: Floats) -> Appearance:
+        normals = self._parts.normals.at(surface, view)
+        return self._parts.ground.at(view.points_m[:, 0], normals, footprint_m)
+
+    def _sun_shares(
+        self, surface: Surface, view: View, look: Appearance, distance_m: Floats
+    ) -> Floats:
+        """Return the (H, W) share of the sun's disc that each pixel sees."""
+        sky = surface.scene.sky
+        if not sky.lamp_w_m2:
+            return np.zeros(distance_m.shape, np.float32)
+        to_sun = np.array(sky.to_sun, np.float32)
+        facing = look.smooth @ to_sun
+        is_towards = np.minimum(facing, look.normal @ to_sun) > 0
+        may_see = view.is_hit & (is_towards | (look.through > 0))
+        lift_m = LIFT_M + LIFT_SHARE * distance_m
+        # Triangles are flat; where light grazes them, they must not shade each other.
+        grazing = np.clip(1 - facing * np.float32(1 / GRAZING_COS), 0, 1)
+        spacing_m = stage_ground(surface.scene).spacing_m
+        lift_m += view.is_ground * grazing * np.float32(GRAZING_LIFT * spacing_m)
+        starts_m = view.points_m + lift_m[..., None] * look.smooth
+        return SunLight(sky, surface).share(starts_m, may_see)
+
+    def _shade(
+        self,
+        scene: Scene,
+        view: View,
+        look: Appearance,
+        distance_m: Floats,
+        sun_share: Floats,
+        around: Floats,
+    ) -> Floats:
+        """Return the (R, W, 3) radiance of some rows.
+
+        ``around`` is the (R, W) share of the sun's light that surfaces nearby get.
+        """
+        shape, sky = view.depth_m.shape, scene.sky
+        albedo, normal = look.albedo.reshape(-1, 3), look.normal.reshape(-1, 3)
+        through, share = look.through.reshape(-1), sun_share.reshape(-1)
+        points_m, is_hit = view.points_m.reshape(-1, 3), view.is_hit.reshape(-1)
+        to_eye = normalise(-view.directions.reshape(-1, 3).astype(np.float32))
+        view_cos = np.einsum("ij,ij->i", normal, to_eye)
+        law = RoughDiffuse(albedo, look.roughness.reshape(-1), view_cos)
+        sun = (sky.lamp_w_m2 * np.array(sun_color(sky))).astype(np.float32)
+        to_sun = np.array(sky.to_sun, np.float32)
+        facing = normal @ to_sun
+        image = law.radiance(facing, to_eye @ to_sun) * (share[:, None] * sun)
+        if not is_hit.all():
+            points_m = np.where(is_hit[:, None], points_m, 0.0)
+        free = self._parts.visibility.at(points_m)
+        level = around.reshape(-1, 1) * sun + self._parts.sky.irradiance(UP)
+        ground = level * (self._parts.ground.mean_albedo * np.float32(1 / pi))
+        light = self._ambient(normal, free, ground)
+        image += law.ambient() * light
+        leaves = np.flatnonzero(through)
+        if len(leaves):
+            part = through[leaves, None]
+            behind = np.maximum(-facing[leaves], 0) * share[leaves] * np.float32(1 / pi)
+            behind = behind[:, None] * sun
+            behind += self._ambient(-normal[leaves], free[leaves], ground[leaves])
+            of_leaf = albedo[leaves] * np.array(THROUGH_LEAF, np.float32)
+            image[leaves] += part * (behind * of_leaf - image[leaves])
+        seen = np.flatnonzero(is_hit)
+        if scene.lamps and len(seen):
+            of_lamps = lamp_irradiance_w_m2(
+                scene.lamps, points_m[seen], normal[seen].astype(np.float64)
+            )
+            image[seen] += albedo[seen] * (of_lamps * (1 / pi)).astype(np.float32)
+        if sky.haze is not None and len(seen):
+            away_m = distance_m.reshape(-1)[seen].astype(np.float64)
+            image[seen] = in_haze(image[seen], away_m, sky.haze, sky)
+        missed = np.flatnonzero(~is_hit)
+        if len(missed):
+            rays = view.directions.reshape(-1, 3)[missed]
+            image[missed] = self._parts.sky.radiance(rays)
+        return np.asarray(image.reshape(*shape, 3), np.float32)
+
+    def _ambient(self, normal: Floats, free: Floats, ground: Floats) -> Floats:
+        """Return the (N, 3) irradiance over pi of sky and ground together.
+
+        Args:
+            normal: (N, 3) of the surfaces.
+            free: (N,) share of the sky that they see.
+            ground: (N, 3) radiance of what hides the rest of it.
+        """
+        below = (1 - normal[:, 2]) * np.float32(0.5)
+        found = self._parts.sky.irradiance(normal) * (free * np.float32(1 / pi))[:, None]
+        found += (1 - (1 - below) * free)[:, None] * ground
+        return np.asarray(found)
+
+
+def _distances_m(view: View) -> Floats:
+    """Return the (H, W) distances from the eye, 0 where nothing was hit."""
+    length = np.sqrt(np.einsum("ijk,ijk->ij", view.directions, view.directions))
+    return np.asarray(np.where(view.is_hit, view.depth_m, 0.0) * length, np.float32)
+
+
+def _around(view: View, look: Appearance, sun_share: Floats, sky: Sky) -> Floats:
+    """Return (H, W) how much of the sun's light surfaces nearby in the picture get."""
+    is_ground = view.is_ground.astype(np.float32)
+    facing = np.maximum(look.smooth @ np.array(sky.to_sun, np.float32), 0)
+    size = max(view.depth_m.shape[1] // AROUND_SHARE, 3)
+    lit = cv2.blur(facing * sun_share * is_ground, (size, size))
+    # Where hardly any ground is nearby, as in the rest of the picture.
+    mean = np.float32((facing * sun_share * is_ground).mean() / max(is_ground.mean(), 1e-6))
+    little = np.float32(0.02)
+    return np.asarray((lit + little * mean) / (cv2.blur(is_ground, (size, size)) + little))

@@ -1,0 +1,117 @@
+"""Smooth normals of the ground, interpolated as Blender interpolates those of its vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.procedural.terrain.detail import DetailedGround
+from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.render.draft.appearance import Floats, normalise
+from oaisys_core.render.draft.object_meshes import interpolate_normals, vertex_normals
+from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.scene import FarGround, Ground, HeightField
+from oaisys_core.types import FloatArray, TriangleMesh
+
+
+class GroundNormals:
+    """Normals of the stage and of the ground around it."""
+
+    _mesh: TriangleMesh
+    _normals: Floats
+    _far_normals: Floats
+
+    def __init__(self) -> None:
+        self._ground: Ground | None = None
+        self._grids: list[SlopeGrid] = []
+        self._far_ground: FarGround | None = None
+
+    def at(self, surface: Surface, view: View) -> Floats:
+        """Return the (N, 3) unit normals of a view of one column, all of whose rays hit ground."""
+        scene = surface.scene
+        normals = np.zeros((len(view.depth_m), 3), np.float32)
+        is_far = surface.is_far_ground(view)[:, 0]
+        stage = slice(None) if not is_far.any() else np.flatnonzero(~is_far)
+        normals[stage] = self._of_stage(view.points_m[stage, 0], view.elements[stage, 0])
+        far = np.flatnonzero(is_far)
+        if len(far) and scene.far_ground is not None:
+            points_m, elements = view.points_m[far, 0], view.elements[far, 0]
+            normals[far] = self._of_far_ground(scene.far_ground, points_m, elements)
+        return normals
+
+    def take_over(self, surface: Surface) -> None:
+        """Prepare the normals of the current ground, unless they are known."""
+        scene = surface.scene
+        if scene.ground is not self._ground:
+            self._take_over_stage(scene.ground)
+            if not self._grids:
+                mesh = surface.ground_triangles()
+                self._mesh = mesh
+                self._normals = vertex_normals(mesh.vertices_m, mesh.triangles)
+        far_ground = scene.far_ground
+        if far_ground is not None and far_ground is not self._far_ground:
+            self._far_ground = far_ground
+            self._far_normals = vertex_normals(far_ground.vertices_m, far_ground.triangles)
+
+    def _take_over_stage(self, ground: Ground) -> None:
+        self._ground = ground
+        grids: list[HeightField] = []
+        if isinstance(ground, DetailedGround):
+            grids = [ground.coarse, ground.fine]
+        elif isinstance(ground, HeightField):
+            grids = [ground]
+        kept = {id(each.ground): each for each in self._grids}
+        self._grids = [kept.get(id(each)) or SlopeGrid(each) for each in grids]
+
+    def _of_stage(self, points_m: FloatArray, elements: NDArray[np.int64]) -> Floats:
+        if not self._grids:
+            vertices_m, triangles = self._mesh.vertices_m, self._mesh.triangles
+            return interpolate_normals(vertices_m, triangles, self._normals, elements, points_m)
+        normals = self._grids[0].at(points_m)
+        for grid in self._grids[1:]:
+            inside = np.flatnonzero(grid.contains(points_m))
+            if len(inside):
+                normals[inside] = grid.at(points_m[inside])
+        return normals
+
+    def _of_far_ground(
+        self, far_ground: FarGround, points_m: FloatArray, elements: NDArray[np.int64]
+    ) -> Floats:
+        normals = np.tile(np.array((0, 0, 1), np.float32), (len(elements), 1))
+        rows = np.flatnonzero(elements < far_ground.cast_triangles)
+        normals[rows] = interpolate_normals(
+            far_ground.vertices_m,
+            far_ground.triangles,
+            self._far_normals,
+            elements[rows],
+            points_m[rows],
+        )
+        return normals
+
+
+class SlopeGrid:
+    """The slopes of a height field at its vertices, from those beside them.
+
+    Attributes:
+        ground: The height field.
+    """
+
+    def __init__(self, ground: HeightField) -> None:
+        self.ground = ground
+        elevation_m = ground.elevation_m.astype(np.float32, copy=False)
+        along_y, along_x = np.gradient(elevation_m, np.float32(ground.spacing_m))
+        self._slopes = np.stack((along_x, along_y), axis=-1)
+
+    def at(self, points_m: FloatArray) -> Floats:
+        """Return the (N, 3) unit normals at (N, 3) points."""
+        place = (points_m[:, :2] - np.array(self.ground.origin_xy_m)) / self.ground.spacing_m
+        x, y = place.astype(np.float32).T
+        normals = np.ones((len(points_m), 3), np.float32)
+        np.negative(sample(self._slopes, x, y), out=normals[:, :2])
+        return normalise(normals)
+
+    def contains(self, points_m: FloatArray) -> NDArray[np.bool_]:
+        """Return (N,) which points are on it."""
+        x0, y0, x1, y1 = self.ground.extent_m
+        x, y = points_m[:, 0], points_m[:, 1]
+        return np.asarray((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1))

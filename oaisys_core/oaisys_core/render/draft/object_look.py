@@ -1,0 +1,247 @@
+"""How objects look: rocks, plants, meshes from files, and exact solids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import linear
+from oaisys_core.raycast.surface import InstanceTable, Surface, View
+from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
+from oaisys_core.render.draft.object_meshes import Instances, ObjectMeshes
+from oaisys_core.render.draft.rock_texture import RockTexture
+from oaisys_core.render.shading.ground_contact import ContactGround
+from oaisys_core.render.shading.looks import (
+    CONTACT,
+    CONTACT_SHARE,
+    DUST_ON_TOP,
+    MAX_DUST,
+    OBJECT_ROUGHNESS,
+    PLANT_BRIGHTNESS,
+    ROCK_BRIGHTNESS,
+)
+from oaisys_core.render.shading.texture_levels import LevelStore
+from oaisys_core.scene import MeshPrototype, Scene
+
+RandomNumbers = Callable[[NDArray[np.uint32]], Floats]
+"""Returns the (N,) numbers from 0 to 1 of instances, by which their brightness differs."""
+
+
+def hashed_numbers(instance_ids: NDArray[np.uint32]) -> Floats:
+    """Return (N,) numbers from 0 to 1 that are the same in each view."""
+    mixed = instance_ids * np.uint32(0x9E3779B1)
+    for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39), (15, 1)):
+        mixed = (mixed ^ (mixed >> np.uint32(shift))) * np.uint32(factor)
+    return (mixed * 2.0**-32).astype(np.float32)
+
+
+class MeshHits(NamedTuple):
+    """N points on instances of meshes.
+
+    Attributes:
+        place: (N,) place of each instance in `Instances`.
+        prototype: (N,) indices.
+        offset_m: (N, 3) from the instance's origin, in the axes of ``map``.
+        local_m: (N, 3) the same in the object's axes.
+        R: (N, 3, 3) rotations from the object's axes to those of ``map``.
+        normal: (N, 3) unit normals in ``map``, facing the eye.
+        color, through: See `MeshPoints`.
+        random: (N,) from 0 to 1, of each instance.
+        footprint_m: (N,) sizes of a pixel there.
+    """
+
+    place: NDArray[np.intp]
+    prototype: NDArray[np.intp]
+    offset_m: Floats
+    local_m: Floats
+    R: Floats
+    normal: Floats
+    color: Floats
+    through: Floats
+    random: Floats
+    footprint_m: Floats
+
+    def take(self, rows: NDArray[np.intp]) -> MeshHits:
+        """Return some of them."""
+        taken: list[Any] = [each[rows] for each in self]
+        return MeshHits(*taken)
+
+
+class ObjectLook:
+    """Looks up how objects look.
+
+    Attributes:
+        random_numbers: By which the brightness of instances differs.
+    """
+
+    random_numbers: RandomNumbers = staticmethod(hashed_numbers)
+
+    def __init__(self, scene: Scene, store: LevelStore) -> None:
+        self._store = store
+        self._textures: dict[int, RockTexture] = {}
+        self._meshes_of: tuple[MeshPrototype, ...] | None = None
+        self.update(scene)
+
+    def update(self, scene: Scene) -> None:
+        """Take over a changed scene; what did not change is kept."""
+        self._scene = scene
+        if self._meshes_of is not scene.prototypes:
+            self._meshes_of = scene.prototypes
+            self._meshes = ObjectMeshes(scene.prototypes)
+        self._instances = Instances(scene)
+        self._solids = InstanceTable(
+            scene,
+            [np.zeros(3)] * len(scene.placements),
+            [linear(each.color_srgb) for each in scene.primitives],
+            np.float32,
+        )
+        self._contact_of: tuple[Floats, Floats] | None = None
+
+    def at(self, surface: Surface, view: View, footprint_m: Floats) -> Appearance:
+        """Return how the points of a view of one column look, all of which are on objects.
+
+        Args:
+            surface: Which the rays of the view were cast at.
+            view: N rays.
+            footprint_m: (N,) sizes of a pixel there.
+        """
+        ids = view.instance_ids[:, 0]
+        place = self._instances.find(ids)
+        count = len(ids)
+        look = Appearance(
+            np.zeros((count, 3), np.float32),
+            np.zeros((count, 3), np.float32),
+            np.zeros((count, 3), np.float32),
+            np.full(count, OBJECT_ROUGHNESS, np.float32),
+            np.zeros(count, np.float32),
+        )
+        solid = np.flatnonzero(place < 0)
+        if len(solid):
+            look.albedo[solid] = self._solids(ids[solid])
+            look.normal[solid] = surface.normals(view.rows(solid))[:, 0]
+            look.smooth[solid] = look.normal[solid]
+        meshes = np.flatnonzero(place >= 0)
+        if len(meshes):
+            self._add_meshes(surface, view.rows(meshes), meshes, place, footprint_m, look)
+        return look
+
+    def _add_meshes(
+        self,
+        surface: Surface,
+        view: View,
+        rows: NDArray[np.intp],
+        places: NDArray[np.intp],
+        footprint_m: Floats,
+        look: Appearance,
+    ) -> None:
+        """Write, into ``rows``, how points on meshes look."""
+        hits = self._hits(surface, view, places[rows], footprint_m[rows])
+        color, roughness = hits.color.copy(), look.roughness[rows]
+        normal = hits.normal.copy()
+        for number in np.unique(hits.prototype).tolist():
+            kind = self._scene.prototypes[number]
+            at = np.flatnonzero(hits.prototype == number)
+            some = hits.take(at)
+            if kind.maps is not None:
+                color[at], normal[at], roughness[at] = self._rock(kind, some)
+            elif kind.translucency is not None:
+                least, range_ = PLANT_BRIGHTNESS
+                color[at] *= (least + range_ * some.random)[:, None]
+            elif kind.vertex_colors_srgb is None:
+                color[at] = linear(kind.color_srgb)
+            elif kind.dust_m:
+                half = np.full(len(at), 0.5, np.float32)
+                color[at] = self._with_dust(kind, some, half, color[at])
+        own = surface.own_albedo(view)
+        if own is not None:
+            color = np.where(np.isnan(own[:, 0]), color, own[:, 0]).astype(np.float32)
+        look.albedo[rows], look.normal[rows] = color, normal
+        look.smooth[rows] = hits.normal
+        look.roughness[rows], look.through[rows] = roughness, hits.through
+
+    def _hits(
+        self,
+        surface: Surface,
+        view: View,
+        place: NDArray[np.intp],
+        footprint_m: Floats,
+    ) -> MeshHits:
+        instances = self._instances
+        prototype = instances.prototypes[place]
+        offset_m = (view.points_m[:, 0] - instances.positions_m[place]).astype(np.float32)
+        R = instances.rotations[place]
+        local_m = np.einsum("nji,nj->ni", R, offset_m)
+        triangles = self._meshes.first_triangle[prototype] + surface.triangles_of(view)
+        found = self._meshes.at(triangles, local_m / instances.scale[place, None])
+        normal = normalise(np.einsum("nij,nj->ni", R, found.normal))
+        face = np.einsum("nij,nj->ni", R, found.face)
+        is_back = np.einsum("ij,ij->i", face, view.directions[:, 0]) > 0
+        # Leaves are seen from both sides.
+        normal[is_back] *= -1
+        random = self.random_numbers(instances.ids[place])
+        return MeshHits(
+            place,
+            prototype,
+            offset_m,
+            local_m,
+            R,
+            normal,
+            found.color,
+            found.through,
+            random,
+            footprint_m,
+        )
+
+    def _rock(self, kind: MeshPrototype, hits: MeshHits) -> tuple[Floats, Floats, Floats]:
+        """Return colours, normals and roughness of points on rocks."""
+        maps = kind.maps
+        assert maps is not None
+        if id(maps) not in self._textures:
+            self._textures[id(maps)] = RockTexture(maps, self._store)
+        place_m = hits.local_m + self._instances.positions_m[hits.place]
+        local = np.einsum("nji,nj->ni", hits.R, hits.normal)
+        found = self._textures[id(maps)].at(place_m, local, hits.footprint_m)
+        least, range_ = ROCK_BRIGHTNESS
+        color = found.color * (least + range_ * hits.random)[:, None]
+        if kind.dust_m:
+            color = self._with_dust(kind, hits, found.height, color)
+        slope = np.einsum("nij,nj->ni", hits.R, found.slope)
+        along = np.einsum("ij,ij->i", slope, hits.normal)[:, None] * hits.normal
+        return color, normalise(hits.normal - slope + along), found.roughness
+
+    def _with_dust(
+        self, kind: MeshPrototype, hits: MeshHits, height: Floats, color: Floats
+    ) -> Floats:
+        """Return colours under the ground's dust, see `materials.contact` of Blender's backend."""
+        bed, dust = self._contact(hits.place)
+        above_m = hits.offset_m[:, 2] - bed[:, 2]
+        above_m -= np.einsum("ij,ij->i", hits.offset_m[:, :2], bed[:, :2])
+        share = above_m / (self._instances.scale[hits.place] * np.float32(kind.dust_m))
+        foot = np.clip(1 - share * (height * np.float32(1.4) + np.float32(0.4)), 0, 1)
+        top = np.clip(hits.normal[:, 2] * 2 - np.float32(1.3), 0, 1)
+        cover = np.maximum(foot * np.float32(MAX_DUST), top * np.float32(DUST_ON_TOP))
+        uneven = dust * (height * np.float32(0.5) + np.float32(0.7))[:, None]
+        dusty = color + cover[:, None] * (uneven - color)
+        dark = np.clip(share * ((1 - CONTACT) / CONTACT_SHARE) + CONTACT, 0, 1)
+        return np.asarray(dusty * dark[:, None], np.float32)
+
+    def _contact(self, place: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return the (N, 3) beds and dust of instances, see `GroundContact`."""
+        if self._contact_of is None:
+            ground = ContactGround(self._scene, self._store)
+            beds, dusts = [np.zeros((0, 3), np.float32)], [np.zeros((0, 3), np.float32)]
+            for placement in self._scene.placements:
+                if self._scene.prototypes[placement.prototype].dust_m:
+                    found = ground(placement.T_map_object)
+                    beds.append(found.bed)
+                    dusts.append(found.dust)
+                else:
+                    beds.append(np.zeros((len(placement.instance_ids), 3), np.float32))
+                    dusts.append(beds[-1])
+            order = self._instances.order
+            self._contact_of = np.concatenate(beds)[order], np.concatenate(dusts)[order]
+        beds_of, dusts_of = self._contact_of
+        return beds_of[place], dusts_of[place]

@@ -1,0 +1,178 @@
+"""The meshes of all objects as one, to look up many points on any of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import linear
+from oaisys_core.render.draft.appearance import Floats, normalise
+from oaisys_core.scene import MeshPrototype, Scene
+from oaisys_core.types import FloatArray
+
+LINEAR = linear(np.arange(256) / 255).astype(np.float32)
+"""Linear values of bytes in sRGB."""
+
+WHITE = np.ones(3, np.float32)
+
+
+class MeshPoints(NamedTuple):
+    """N points on meshes.
+
+    Attributes:
+        normal: (N, 3) interpolated between the corners, in the objects' frames, of any length.
+        face: (N, 3) normals of the triangles, likewise.
+        color: (N, 3) linear colours of the vertices; white without any.
+        through: (N,) see `Appearance`.
+    """
+
+    normal: Floats
+    face: Floats
+    color: Floats
+    through: Floats
+
+
+class ObjectMeshes:
+    """The meshes of a scene's prototypes, one after the other."""
+
+    def __init__(self, prototypes: Sequence[MeshPrototype]) -> None:
+        """Copy the meshes."""
+        none = np.zeros((0, 3), np.float32)
+        vertices = [each.vertices_m for each in prototypes]
+        starts = np.cumsum([0, *map(len, vertices)])
+        self.first_triangle = np.cumsum([0, *(len(each.triangles) for each in prototypes)])
+        self._vertices = np.concatenate([none, *vertices]).astype(np.float32)
+        triangles = [
+            each.triangles + start for each, start in zip(prototypes, starts[:-1], strict=True)
+        ]
+        self._triangles = np.concatenate([none.astype(np.int64), *triangles]).astype(np.intp)
+        normals = [vertex_normals(each.vertices_m, each.triangles) for each in prototypes]
+        self._normals = np.concatenate([none, *normals])
+        self._colors = np.concatenate([none, *map(_colors, prototypes)])
+        self._through = np.concatenate([none[:, 0], *map(_through, prototypes)])
+
+    def at(self, triangles: NDArray[np.int64], points: Floats) -> MeshPoints:
+        """Return what (N,) triangles of all meshes have at (N, 3) points in their own frames."""
+        corners = self._triangles.take(triangles, axis=0)
+        a, b, c = (self._vertices.take(corner, axis=0) for corner in corners.T)
+        b -= a
+        c -= a
+        face = np.cross(b, c)
+        shares = _shares(b, c, points - a, face)
+        normal, color = (
+            sum(
+                share[:, None] * values.take(corner, axis=0)
+                for share, corner in zip(shares, corners.T, strict=True)
+            )
+            for values in (self._normals, self._colors)
+        )
+        through = sum(
+            share * self._through.take(corner)
+            for share, corner in zip(shares, corners.T, strict=True)
+        )
+        return MeshPoints(
+            np.asarray(normal), face, np.asarray(color), np.asarray(through, np.float32)
+        )
+
+
+def vertex_normals(vertices_m: NDArray[Any], triangles: NDArray[np.int32]) -> Floats:
+    """Return (V, 3) unit normals: means of the triangles around, by their angles there."""
+    corners = [vertices_m[corner].astype(np.float32) for corner in triangles.T]
+    face = normalise(np.cross(corners[1] - corners[0], corners[2] - corners[0]))
+    total = np.zeros((3, len(vertices_m)))
+    for index in range(3):
+        ahead = normalise(corners[(index + 1) % 3] - corners[index])
+        back = normalise(corners[(index + 2) % 3] - corners[index])
+        angle = np.arccos(np.clip(np.einsum("ij,ij->i", ahead, back), -1, 1))
+        for axis in range(3):
+            total[axis] += np.bincount(
+                triangles[:, index], angle * face[:, axis], minlength=len(vertices_m)
+            )
+    return normalise(total.T.astype(np.float32))
+
+
+def interpolate_normals(
+    vertices_m: NDArray[Any],
+    triangles: NDArray[np.int32],
+    normals: Floats,
+    elements: NDArray[np.int64],
+    points_m: FloatArray,
+) -> Floats:
+    """Return (N, 3) unit normals at (N, 3) points on (N,) triangles of a mesh.
+
+    ``normals`` are the (V, 3) of its vertices.
+    """
+    corners = triangles.take(elements, axis=0)
+    a, b, c = (vertices_m.take(corner, axis=0).astype(np.float64) for corner in corners.T)
+    b, c = (b - a).astype(np.float32), (c - a).astype(np.float32)
+    shares = _shares(b, c, (points_m - a).astype(np.float32), np.cross(b, c))
+    parts = [
+        share[:, None] * normals.take(corner, axis=0)
+        for share, corner in zip(shares, corners.T, strict=True)
+    ]
+    return normalise(parts[0] + parts[1] + parts[2])
+
+
+def _shares(b: Floats, c: Floats, offset: Floats, face: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return (N,) barycentric coordinates, from two edges and the offset from a corner."""
+    area = np.maximum(np.einsum("ij,ij->i", face, face), np.float32(1e-30))
+    second = np.einsum("ij,ij->i", np.cross(offset, c), face) / area
+    third = np.einsum("ij,ij->i", np.cross(b, offset), face) / area
+    second, third = np.clip(second, 0, 1), np.clip(third, 0, 1)
+    return 1 - second - third, second, third
+
+
+def _colors(prototype: MeshPrototype) -> Floats:
+    colors = prototype.vertex_colors_srgb
+    if colors is None or prototype.maps is not None:
+        return np.broadcast_to(WHITE, (len(prototype.vertices_m), 3))
+    return np.asarray(LINEAR[colors])
+
+
+def _through(prototype: MeshPrototype) -> Floats:
+    if prototype.translucency is None:
+        return np.zeros(len(prototype.vertices_m), np.float32)
+    return prototype.translucency.astype(np.float32) * np.float32(1 / 255)
+
+
+class Instances:
+    """Finds prototype and pose of instances by their ids; all arrays are in the ids' order.
+
+    Attributes:
+        order: (I,) places of the ids in the order of the scene's placements.
+        prototypes: (I,) indices.
+        positions_m: (I, 3) in ``map``.
+        scale: (I,) sizes.
+        rotations: (I, 3, 3) from the objects' axes to those of ``map``.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Take over the placements of a scene."""
+        empty = np.zeros(0, np.uint32)
+        ids = np.concatenate([empty, *(each.instance_ids for each in scene.placements)])
+        counts = [len(each.instance_ids) for each in scene.placements]
+        self.order = order = np.argsort(ids, kind="stable")
+        self._ids: NDArray[np.uint32] = ids[order]
+        prototypes = np.repeat([p.prototype for p in scene.placements], counts)
+        self.prototypes = prototypes[order].astype(np.intp)
+        poses = [np.zeros((0, 4, 4)), *(each.T_map_object for each in scene.placements)]
+        T = np.concatenate(poses)[order]
+        scale = np.linalg.norm(T[:, :3, 0], axis=1)
+        self.positions_m = T[:, :3, 3]
+        self.scale = scale.astype(np.float32)
+        self.rotations = (T[:, :3, :3] / scale[:, None, None]).astype(np.float32)
+
+    @property
+    def ids(self) -> NDArray[np.uint32]:
+        """(I,) ids in ascending order, which all other arrays are in."""
+        return self._ids
+
+    def find(self, instance_ids: NDArray[np.uint32]) -> NDArray[np.intp]:
+        """Return the (N,) places of ids in the arrays of this object; -1 where there is none."""
+        if not len(self._ids):
+            return np.full(len(instance_ids), -1)
+        place = np.minimum(np.searchsorted(self._ids, instance_ids), len(self._ids) - 1)
+        return np.where(self._ids[place] == instance_ids, place, -1)

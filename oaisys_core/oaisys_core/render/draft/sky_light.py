@@ -1,0 +1,109 @@
+"""Light of the sky, by the direction of a surface."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.procedural.environment import atmosphere
+from oaisys_core.procedural.environment.light import plain_radiance
+from oaisys_core.render.draft.appearance import Floats
+from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.scene.sky import Sky, gradient_radiance, texels_at
+from oaisys_core.types import FloatArray
+
+RINGS, SECTORS = 48, 64
+"""Directions over which light is summed up: equal steps of the vertical component, of azimuth."""
+
+COSINE_LOBE = (pi, 2 * pi / 3, pi / 4)
+"""Share of each band of spherical harmonics that a surface receives (Ramamoorthi and Hanrahan, "An
+Efficient Representation for Irradiance Environment Maps", SIGGRAPH 2001)."""
+
+
+FADE_BELOW = 3.3
+"""How fast a clear sky fades below the horizon, by the ray's vertical component."""
+
+
+class SkyLight:
+    """Radiance of the sky, and the irradiance of surfaces by it."""
+
+    def __init__(self, sky: Sky) -> None:
+        """Sum up the light of all directions."""
+        self._sky = sky
+        self._clear: NDArray[np.float32] | None = None
+        if sky.hdri is None and sky.model == "atmosphere":
+            found = atmosphere.clear_sky(
+                sky.sun_elevation_rad, sky.altitude_m, sky.air, sky.dust, sky.ozone
+            )
+            self._clear = found * np.float32(sky.sky_strength)
+        rays = _directions()
+        radiance = self.radiance(rays)
+        radiance[rays[:, 2] < 0] = 0
+        # Each direction stands for the same solid angle.
+        basis = _harmonics(rays.astype(np.float32))
+        coefficients = basis.T @ radiance * np.float32(4 * pi / len(rays))
+        bands = np.array([COSINE_LOBE[band] for band in (0, 1, 1, 1, 2, 2, 2, 2, 2)], np.float32)
+        self._irradiance = (coefficients * bands[:, None]).astype(np.float32)
+
+    def irradiance(self, normals: Floats) -> Floats:
+        """Return (N, 3) irradiance of surfaces with (N, 3) unit normals and a free view."""
+        return np.maximum(_harmonics(normals) @ self._irradiance, 0)
+
+    def radiance(self, rays: FloatArray) -> Floats:
+        """Return the (N, 3) radiance of the sky along (N, 3) rays of any length, without haze."""
+        sky = self._sky
+        if sky.hdri is not None:
+            pixels = sky.hdri.image.radiance
+            rows, columns = texels_at(rays, sky.hdri.rotation_rad, pixels.shape)
+            return np.asarray(pixels[rows, columns] * sky.hdri.strength, np.float32)
+        if sky.model == "none":
+            return np.zeros(rays.shape, np.float32)
+        unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        if self._clear is None:
+            found = np.asarray(
+                gradient_radiance(sky.gradient, unit, np.array(sky.to_sun)) * sky.sky_strength,
+                np.float32,
+            )
+        else:
+            found = self._clear_radiance(self._clear, unit)
+        below = unit[:, 2] < 0
+        if sky.shows_plain and not sky.dips:
+            found[below] = plain_radiance(sky)
+        elif self._clear is not None and not sky.shows_plain:
+            # As Blender's: the ground far below is black.
+            found[below] *= np.maximum(1 + FADE_BELOW * unit[below, 2:], 0).astype(np.float32) ** 3
+        return found
+
+    def _clear_radiance(self, clear: NDArray[np.float32], unit: FloatArray) -> Floats:
+        sky = self._sky
+        up_rad = np.arcsin(np.clip(unit[:, 2], 0, 1))
+        rows = np.sqrt(up_rad * (2 / pi)) * (atmosphere.ROWS - 1)
+        apart = np.arctan2(unit[:, 1], unit[:, 0]) - sky.sun_azimuth_rad
+        apart = np.abs((apart + pi) % (2 * pi) - pi)
+        columns = apart * ((atmosphere.COLUMNS - 1) / pi)
+        return sample(clear, columns.astype(np.float32), rows.astype(np.float32))
+
+
+def _directions() -> FloatArray:
+    """Return unit vectors that are spread evenly over all directions."""
+    up = (np.arange(RINGS) + 0.5) / RINGS * 2 - 1
+    azimuth = (np.arange(SECTORS) + 0.5) * (2 * pi / SECTORS)
+    level = np.sqrt(1 - up * up)[:, None]
+    rays = np.empty((RINGS, SECTORS, 3))
+    rays[..., 0], rays[..., 1] = level * np.cos(azimuth), level * np.sin(azimuth)
+    rays[..., 2] = up[:, None]
+    return rays.reshape(-1, 3)
+
+
+def _harmonics(directions: Floats) -> Floats:
+    """Return (N, 9) real spherical harmonics of (N, 3) unit vectors."""
+    x, y, z = directions.T
+    found = np.empty((len(directions), 9), np.float32)
+    found[:, 0] = 0.282095
+    found[:, 1], found[:, 2], found[:, 3] = 0.488603 * y, 0.488603 * z, 0.488603 * x
+    found[:, 4], found[:, 5] = 1.092548 * x * y, 1.092548 * y * z
+    found[:, 6] = 0.315392 * (3 * z * z - 1)
+    found[:, 7], found[:, 8] = 1.092548 * x * z, 0.546274 * (x * x - y * y)
+    return found
