@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from oaisys_core.errors import BackendUnavailableError, InvalidInputError
 from oaisys_core.files.calibrations.robots import Robot, Shape, Visual
 from oaisys_core.files.calibrations.robots.resources import MeshResources
 from oaisys_core.files.references import allow_references
-from oaisys_core.procedural.meshes.files import load_mesh
+from oaisys_core.procedural.meshes.files import R_Z_UP_FROM_Y_UP, load_mesh
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32, merge_parts
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray
@@ -20,6 +21,15 @@ from oaisys_core.types import FloatArray
 ROUND_SIDES, SPHERE_DIVISIONS = 48, 3
 GREY = (0.5, 0.5, 0.5)
 MOST_VISUALS = 2000
+
+TURNS = {
+    "X_UP": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+    "Y_UP": R_Z_UP_FROM_Y_UP,
+}
+"""How Blender turns COLLADA files with such an axis, without which it takes y, to z up."""
+
+_UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ]_UP)\s*</up_axis>")
+_HEADER_BYTES = 65_536
 
 
 def robot_mesh(
@@ -64,13 +74,24 @@ class _Meshes:
             try:
                 path, root = self._resources.find(shape.uri)
                 with allow_references(root):
-                    self._found[key] = load_mesh(path, shape.object_name, "robot.mesh")
+                    found = load_mesh(path, shape.object_name, "robot.mesh")
+                self._found[key] = _without_up_axis(found, path)
             except (InvalidInputError, BackendUnavailableError) as error:
                 self._found[key] = error
-        found = self._found[key]
-        if isinstance(found, Exception):
-            raise found
-        return found
+        known = self._found[key]
+        if isinstance(known, Exception):
+            raise known
+        return known
+
+
+def _without_up_axis(mesh: LoadedMesh, path: Path) -> LoadedMesh:
+    """Return the mesh of a COLLADA file in the file's axes, as RViz and Gazebo take them."""
+    if path.suffix.lower() != ".dae":
+        return mesh
+    with path.open("rb") as file:
+        found = _UP_AXIS.search(file.read(_HEADER_BYTES))
+    turn = TURNS.get("Y_UP" if found is None else found[1].decode())
+    return mesh if turn is None else replace(mesh, vertices_m=mesh.vertices_m @ turn)
 
 
 def _part(visual: Visual, meshes: _Meshes) -> LoadedMesh:

@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 from oaisys_core.cli.sensors import sensors_app
 from oaisys_core.config import config_from_mapping, load_config
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.calibrations.reading import read_robot_file
+from oaisys_core.importing.robot_mesh import robot_mesh
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose
@@ -233,6 +235,49 @@ def test_sdf_has_the_same_shapes(tmp_path: Path) -> None:
     assert found.vertices_m.min(axis=0) == pytest.approx(wanted.bounds[0], abs=1e-6)
     assert found.vertices_m.max(axis=0) == pytest.approx(wanted.bounds[1], abs=1e-6)
     assert "# Not shown: sky, whose shape is plane." in out.read_text()
+
+
+COLLADA = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>
+<created>2020-01-01T00:00:00</created><modified>2020-01-01T00:00:00</modified>
+<unit name="half" meter="0.5"/>{up}</asset><library_geometries><geometry id="g" name="g"><mesh>
+<source id="p"><float_array id="a" count="9">2 0 0 0 4 0 0 0 6</float_array><technique_common>
+<accessor source="#a" count="3" stride="3"><param name="X" type="float"/><param name="Y"
+type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="1">
+<input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles></mesh></geometry>
+</library_geometries><library_visual_scenes><visual_scene id="s"><node id="n" name="n">
+<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize("up", ["", "<up_axis>Y_UP</up_axis>", "<up_axis>Z_UP</up_axis>"])
+def test_axes_of_collada_are_those_of_rviz_and_gazebo(tmp_path: Path, up: str) -> None:
+    """They ignore ``up_axis``, and use the unit: the triangle's corners are on x, y and z."""
+    (tmp_path / "a.dae").write_text(COLLADA.format(up=up))
+    visual = '<visual><geometry><mesh filename="a.dae"/></geometry></visual>'
+    (tmp_path / "r.urdf").write_text(
+        f'<robot name="r"><link name="base_link">{visual}</link></robot>'
+    )
+    robot = read_robot_file(tmp_path / "r.urdf")
+    assert robot is not None
+    mesh, notes = robot_mesh(robot, tmp_path / "r.urdf")
+    if mesh is None:  # Blender from 5.0 on has no importer
+        assert "save it as .glb" in notes[0]
+        return
+    np.testing.assert_allclose(mesh.vertices_m, np.diag((1.0, 2.0, 3.0)), atol=1e-6)
+
+
+def test_what_is_transparent_is_not_shown(tmp_path: Path) -> None:
+    file = write_robot(tmp_path)
+    red = 'rgba="0.8 0.1 0.05 1"'
+    hidden = file.read_text().replace(red, 'rgba="0.8 0.1 0.05 0"')
+    file.write_text(hidden.replace('rgba="0 1 0 1"', 'rgba="0 1 0 0.4"'))
+    out = tmp_path / "o.yaml"
+    assert run(file, "--out", out).exit_code == 0
+    assert "# Not shown: a visual of base_link, which is transparent." in out.read_text()
+    assert "A visual of head is see-through in the file, and opaque here." in out.read_text()
+    assert len(load_mesh(tmp_path / "o_visuals.glb").materials) == 2
 
 
 def test_links_without_sensors_are_listed_not_guessed(tmp_path: Path) -> None:

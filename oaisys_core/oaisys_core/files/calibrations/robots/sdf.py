@@ -16,7 +16,7 @@ from oaisys_core.files.calibrations.robots.records import (
     note_joints,
 )
 from oaisys_core.files.calibrations.robots.sensors import SensorCollection
-from oaisys_core.files.calibrations.robots.visuals import sdf_color, sdf_shape
+from oaisys_core.files.calibrations.robots.visuals import is_shown, sdf_color, sdf_shape
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray
 
@@ -52,8 +52,8 @@ def read_sdf(root: XmlElement, base: str | None, model_name: str | None) -> Robo
     chosen = base or (BASE if BASE in content.links else MODEL)
     T_base_model = invert(content.frames.pose(chosen, f"{FIELD}.base"))
     notes = Notes()
-    found = "the model's frame" if chosen == MODEL else f"the file's {chosen}"
-    notes.add(f"the rig's base_link is {found}")
+    base_name = "the model's frame" if chosen == MODEL else f"the file's {chosen}"
+    notes.add(f"the rig's base_link is {base_name}")
     sensors = SensorCollection(notes)
     _note_model(model, sensors, notes)
     visuals: list[Visual] = []
@@ -64,8 +64,8 @@ def read_sdf(root: XmlElement, base: str | None, model_name: str | None) -> Robo
             sensors.add(sensor, T, name)
         for visual in link.all("visual"):
             T = T_base_model @ _pose_on(visual, name, prefix, content)
-            if (shape := sdf_shape(visual, visual_notes)) is not None:
-                visuals.append(Visual(visual.where, shape, T, sdf_color(visual)))
+            if (found := _visual(visual, T, visual_notes)) is not None:
+                visuals.append(found)
     note_joints(content.joints, sensors.links, notes, visual_notes)
     return Robot(
         model.name,
@@ -148,6 +148,14 @@ def _pose_on(element: XmlElement, link: str, prefix: str, content: ModelContent)
     else:
         frame = prefix + relative_to if relative_to else link
     return content.frames.pose(frame, element.where) @ pose_of(pose)
+
+
+def _visual(visual: XmlElement, T: FloatArray, notes: Notes) -> Visual | None:
+    shape, color = sdf_shape(visual, notes), sdf_color(visual)
+    name = visual.attributes.get("name", visual.where)
+    if shape is None or not is_shown(name, color, notes):
+        return None
+    return Visual(visual.where, shape, T, None if color is None else color[:3])
 
 
 def _note_model(model: XmlElement, sensors: SensorCollection, notes: Notes) -> None:

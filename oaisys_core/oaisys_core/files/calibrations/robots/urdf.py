@@ -17,7 +17,8 @@ from oaisys_core.files.calibrations.robots.records import (
 )
 from oaisys_core.files.calibrations.robots.sensors import SensorCollection, is_known
 from oaisys_core.files.calibrations.robots.visuals import (
-    Color,
+    Rgba,
+    is_shown,
     material_color,
     urdf_color,
     urdf_shape,
@@ -152,7 +153,7 @@ def _visuals(
     notes: Notes,
 ) -> list[Visual]:
     """Return the visuals, in the order of the links."""
-    known: dict[str, Color] = {}
+    known: dict[str, Rgba] = {}
     for material in root.all("material"):
         if (color := material_color(material, notes)) is not None:
             known[material.attributes.get("name", "")] = color
@@ -161,5 +162,8 @@ def _visuals(
         for visual in link.all("visual"):
             T = in_base[name] @ origin_in(visual)
             color = urdf_color(visual, known, notes)
-            found.append(Visual(visual.where, urdf_shape(visual), T, color))
+            shape = urdf_shape(visual)
+            if is_shown(f"a visual of {name}", color, notes):
+                plain = None if color is None else color[:3]
+                found.append(Visual(visual.where, shape, T, plain))
     return found

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations.robots.elements import XmlElement
 from oaisys_core.files.calibrations.robots.records import Notes, Shape
 
-Color = tuple[float, float, float]
+Rgba = tuple[float, float, float, float]
+
+GREY = (0.5, 0.5, 0.5)
+HIDDEN = 0.01
+"""Opacity up to which nothing is shown, as of bodies that are there for collisions alone."""
 
 
 def sdf_shape(visual: XmlElement, notes: Notes) -> Shape | None:
@@ -50,13 +54,25 @@ def _sdf_mesh(mesh: XmlElement, notes: Notes) -> Shape | None:
     return _scaled(mesh, Shape("mesh", factors, mesh.require("uri").text, name))
 
 
-def sdf_color(visual: XmlElement) -> Color | None:
-    """Return the diffuse colour of a visual of SDF; None without one."""
+def sdf_color(visual: XmlElement) -> Rgba | None:
+    """Return the diffuse colour of a visual of SDF with its transparency; None without both."""
     material = visual.child("material")
     diffuse = None if material is None else material.child("diffuse")
+    opacity = 1 - visual.number("transparency", 0.0)
     if diffuse is None or not diffuse.text:
-        return None
-    return _rgb(diffuse, diffuse.text)
+        return None if opacity == 1 else (*GREY, opacity)
+    *rgb, alpha = _rgba(diffuse, diffuse.text)
+    return (rgb[0], rgb[1], rgb[2], alpha * opacity)
+
+
+def is_shown(name: str, color: Rgba | None, notes: Notes) -> bool:
+    """Return whether a visual is opaque enough to be shown; what is not so in the file is noted."""
+    opacity = 1.0 if color is None else color[3]
+    if opacity <= HIDDEN:
+        notes.add(f"not shown: {name}, which is transparent")
+    elif opacity < 1:
+        notes.add(f"{name} is see-through in the file, and opaque here")
+    return opacity > HIDDEN
 
 
 def urdf_shape(visual: XmlElement) -> Shape:
@@ -84,7 +100,7 @@ def urdf_shape(visual: XmlElement) -> Shape:
     raise InvalidInputError(geometry.where, shown, "box, cylinder, capsule, sphere or mesh")
 
 
-def urdf_color(visual: XmlElement, known: dict[str, Color], notes: Notes) -> Color | None:
+def urdf_color(visual: XmlElement, known: dict[str, Rgba], notes: Notes) -> Rgba | None:
     """Return the colour of a visual of URDF, its own or that of a material by name.
 
     Args:
@@ -102,22 +118,23 @@ def urdf_color(visual: XmlElement, known: dict[str, Color], notes: Notes) -> Col
     return known.get(name)
 
 
-def material_color(material: XmlElement, notes: Notes) -> Color | None:
+def material_color(material: XmlElement, notes: Notes) -> Rgba | None:
     """Return the colour of a material of URDF; None without one."""
     texture = material.child("texture")
     if texture is not None:
         shown = texture.attributes.get("filename", "?")
         notes.add(f"not used: the texture {shown} of a material; textures of meshes are")
     color = material.child("color")
-    return None if color is None else _rgb(color, color.attribute("rgba"))
+    return None if color is None else _rgba(color, color.attribute("rgba"))
 
 
-def _rgb(element: XmlElement, text: str) -> Color:
+def _rgba(element: XmlElement, text: str) -> Rgba:
     """Return a colour, clamped to 0 to 1 as Gazebo and RViz do."""
     values = element.numbers(len(text.split()), text=text)
     if len(values) not in (3, 4):
         raise InvalidInputError(element.where, text, "red, green, blue and alpha from 0 to 1")
-    return cast("Color", tuple(min(max(value, 0.0), 1.0) for value in values[:3]))
+    red, green, blue, alpha = (min(max(value, 0.0), 1.0) for value in (*values, 1.0)[:4])
+    return (red, green, blue, alpha)
 
 
 def _round(tag: str) -> Literal["cylinder", "capsule"]:
