@@ -1,13 +1,7 @@
-"""Meshes as people bring them, made by code: a rover of five textured materials, a leafy plant.
-
-    python -m tools.gallery.imported_meshes FOLDER
-
-writes ``rover.glb``, ``plant.glb`` and ``imports.yaml``, a world with both, for `oaisys render`.
-"""
+"""Meshes as people bring them, made by code: a rover of five textured materials, a leafy plant."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -20,37 +14,6 @@ from trimesh.visual.material import PBRMaterial
 
 TEXTURE_PX = 256
 LEAVES, LEAF_M = 90, 0.34
-
-WORLD = """\
-# A rover of five textured materials and plants of leaf cards, as glTF files.
-seed: 3
-stage: {preset: mounds, extent_m: 40.0, resolution_px: 257}
-assets:
-  rocks: []
-  objects:
-    - name: rover
-      file: rover.glb
-      label: rover
-      semantic_id: 21
-      position_m: [0.0, 0.0, 0.0]
-      on_ground: true
-    - name: bush
-      file: plant.glb
-      label: plant
-      semantic_id: 22
-      position_m: [-0.6, 1.7, 0.0]
-      on_ground: true
-    - name: far_bush
-      file: plant.glb
-      label: plant
-      semantic_id: 22
-      position_m: [2.2, 2.6, 0.0]
-      on_ground: true
-      scale: 1.5
-environment: {sun_elevation_deg: 38.0}
-sensors:
-  cameras: [{name: camera, width_px: 320, height_px: 240, fx_px: 300.0, fy_px: 300.0}]
-"""
 
 Part = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 """(V, 3) vertices with y up, (T, 3) triangles, (V, 2) texture coordinates."""
@@ -231,15 +194,3 @@ def _mesh(part: Part, name: str, image: Image.Image, **alpha: object) -> trimesh
     )
     visual = TextureVisuals(uv=uv, material=material)
     return trimesh.Trimesh(vertices, triangles, visual=visual, process=False)
-
-
-def main(folder: Path) -> None:
-    """Write the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_rover(folder / "rover.glb")
-    write_plant(folder / "plant.glb")
-    (folder / "imports.yaml").write_text(WORLD, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))

@@ -1,0 +1,23 @@
+"""Renders ten imported files: ``python -m tools.gallery.imports --out DIR``."""
+
+from __future__ import annotations
+
+import sys
+
+from oaisys_core.system.signals import work_in_child
+
+
+def run() -> None:
+    """Run the command in a child process, which a signal ends with nothing left."""
+    if "--help" not in sys.argv:
+        work_in_child("imports")
+    # Only now, as it loads Blender, which a process that forks must not have loaded.
+    import typer
+
+    from tools.gallery.imports.pictures import main
+
+    typer.run(main)
+
+
+if __name__ == "__main__":
+    run()
