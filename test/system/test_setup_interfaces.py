@@ -135,7 +135,9 @@ def test_no_interface_of_the_environment_is_built_for_another_one() -> None:
     assert any(bytes(PREFIX) in text for text in texts)
 
 
-@pytest.mark.parametrize("package", ["oaisys_msgs", "simulation_interfaces", "tf2_msgs"])
+@pytest.mark.parametrize(
+    "package", ["oaisys_msgs", "simulation_interfaces", "stereo_msgs", "tf2_msgs", "vision_msgs"]
+)
 def test_interfaces_have_what_the_middleware_loads(package: str) -> None:
     """rmw_fastrtps registers a type by its introspection; rmw_cyclonedds needs nothing else."""
     for support in ("c", "fastrtps_c", "introspection_c"):

@@ -26,7 +26,8 @@ VERSION = REPOSITORY / "VERSION"
 """The version of all packages, each of which has a link to it."""
 SETUP = Path(__file__).resolve().parent
 UNDERLAY = tuple(
-    REPOSITORY / "tools" / "underlay" / name for name in ("tf2_msgs", "simulation_interfaces")
+    REPOSITORY / "tools" / "underlay" / name
+    for name in ("tf2_msgs", "simulation_interfaces", "stereo_msgs", "vision_msgs")
 )
 """Interface packages that are built if no wheel contains them."""
 OAISYS_MSGS = REPOSITORY / "oaisys_msgs"

@@ -70,6 +70,28 @@ _IMAGES = (
     ),
     Interface(
         InterfaceKind.PUBLISHED,
+        "camera/semantic_N/label_info",
+        "vision_msgs/msg/LabelInfo",
+        "The same names, for programs that read vision_msgs.",
+        LATCHED,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
+        "camera/detections",
+        "vision_msgs/msg/Detection2DArray",
+        "Boxes of what is visible of objects; `id` is the object's, `class_id` that of most of its "
+        "pixels in `semantic_0`. Only with `instance`.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
+        "camera/transform",
+        "geometry_msgs/msg/TransformStamped",
+        "From `map` to the optical frame, once a sample, for mappers such as voxblox.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "camera/depth_registered/points",
         "sensor_msgs/msg/PointCloud2",
         "x y z in metres, rgb; organised, in the optical frame. `cloud.*` thins it out.",

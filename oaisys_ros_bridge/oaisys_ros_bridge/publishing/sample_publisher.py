@@ -20,8 +20,10 @@ from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.types import (
     DEPTH,
+    INSTANCE,
     POINTS,
     RGB,
+    SEMANTIC_0,
     DriveInstant,
     Frame,
     FrameName,
@@ -85,6 +87,10 @@ class SamplePublisher:
         )
         self._sample_info = self.publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
         self.trajectory = TrajectoryTopics(node, self.publishers, self._map_frame)
+        baselines_m = {
+            find_left_camera(sensor, info.sensors): sensor.stereo_baseline_m
+            for sensor in info.sensors
+        }
         self.sensors = {
             sensor.name: SensorTopics(
                 self.publishers,
@@ -94,6 +100,7 @@ class SamplePublisher:
                 find_left_camera(sensor, info.sensors)
                 if values["stereo.right_frame"] == "left"
                 else "",
+                baselines_m.get(sensor.name, 0.0),
             )
             for sensor in info.sensors
         }
@@ -206,6 +213,7 @@ class Publication:
         self._values = values
         self._faults = depth_faults(values)
         self._frames: dict[FrameName, Frame] = {}
+        self._placed: set[str] = set()
         publisher.publishers.used.clear()
         with self._count_time():
             if instant is None:
@@ -222,10 +230,16 @@ class Publication:
             capture = CaptureId(self._outline.batch_id, self._outline.sample_id, frame.sensor)
             frame = measure_frame(frame, self._faults, capture)
             topics = self._publisher.sensors[frame.sensor]
+            if frame.sensor not in self._placed:
+                self._placed.add(frame.sensor)
+                map_frame = self._values["map_frame"]
+                topics.publish_transform(frame.T_map_camera, map_frame, self.stamp)
             topics.publish_frame(frame, self.stamp, self._values)
             self._frames[FrameName(frame.sensor, frame.modality)] = frame
             if frame.modality in (DEPTH, RGB):
                 self._publish_cloud(frame.sensor)
+            if frame.modality in (INSTANCE, SEMANTIC_0):
+                self._publish_detections(frame.sensor)
 
     def finish(self, sample: Sample) -> None:
         """Publish path and viewpoints, and announce that the sample is complete."""
@@ -239,6 +253,15 @@ class Publication:
         started_s = time.monotonic()
         yield
         self.seconds += time.monotonic() - started_s
+
+    def _publish_detections(self, sensor: str) -> None:
+        """Publish a sensor's boxes of objects if ids, and labels if there are any, have come."""
+        ids, labels = FrameName(sensor, INSTANCE), FrameName(sensor, SEMANTIC_0)
+        needed = {ids, labels}.intersection(self._outline.frames)
+        if ids in self._frames and needed <= self._frames.keys():
+            self._publisher.sensors[sensor].publish_detections(
+                self._frames[ids], self._frames.get(labels), self.stamp
+            )
 
     def _publish_cloud(self, sensor: str) -> None:
         """Publish a sensor's cloud if all frames that it is made of have come."""

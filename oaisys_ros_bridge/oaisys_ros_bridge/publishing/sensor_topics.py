@@ -22,6 +22,8 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
+from vision_msgs.msg import Detection2DArray, LabelInfo
 
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, transform
 from oaisys_core.types import (
@@ -35,6 +37,7 @@ from oaisys_core.types import (
     NORMAL,
     RADIANCE,
     RGB,
+    FloatArray,
     Frame,
     SensorInfo,
     semantic_level,
@@ -62,6 +65,7 @@ from oaisys_ros_bridge.publishing.publishers import (
     TopicPublisher,
     has_subscribers,
 )
+from oaisys_ros_bridge.publishing.vision import detections_msg, disparity_msg, label_info_msg
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
@@ -139,6 +143,7 @@ class SensorTopics:
         sensor: The camera.
         namespace: Prefix of its topics.
         frame_prefix: Prefix of its frames' names, before the namespace.
+        pair_baseline_m: Baseline of the stereo pair whose left camera it is; 0 for other cameras.
         left: Namespace of the left camera in whose frame images are, except those of distances;
             empty: all are in the camera's own frame.
     """
@@ -150,7 +155,9 @@ class SensorTopics:
         namespace: str,
         frame_prefix: str,
         left: str = "",
+        pair_baseline_m: float = 0.0,
     ) -> None:
+        self._pair_baseline_m = pair_baseline_m
         self._publishers = publishers
         self._sensor = sensor
         self._namespace = namespace
@@ -166,6 +173,15 @@ class SensorTopics:
                 self._colors(modality)
         if DEPTH in sensor.modalities:
             self._cloud()
+        if INSTANCE in sensor.modalities:
+            self._detections()
+        if self._has_disparities:
+            self._disparity()
+        self._transform()
+
+    @property
+    def _has_disparities(self) -> bool:
+        return DISPARITY in self._sensor.modalities and self._pair_baseline_m > 0
 
     def mount(self, base_frame: str, stamp: Time) -> list[TransformStamped]:
         """Return the transforms from the rig to the camera."""
@@ -185,6 +201,9 @@ class SensorTopics:
             if semantic_level(modality) is not None:
                 topic = f"{self._namespace}/{modality}/labels"
                 self._publishers.offer(SemanticLabels, topic, LATCHED_QOS).publish(message)
+                names_of_level = label_info_msg(names, self._header(stamp))
+                topic = f"{self._namespace}/{modality}/label_info"
+                self._publishers.offer(LabelInfo, topic, LATCHED_QOS).publish(names_of_level)
 
     def publish_frame(self, frame: Frame, stamp: Time, values: Mapping[str, Any]) -> None:
         """Publish an image, raw, compressed and where it is of ids coloured, and its camera_info.
@@ -207,12 +226,34 @@ class SensorTopics:
         if has_colors(frame.modality) and has_subscribers(colors := self._colors(frame.modality)):
             pixels = color_ids(frame.modality, frame.data)
             self._publishers.send(colors, image_to_msg(pixels, "rgb8", header))
+        if frame.modality == DISPARITY and self._has_disparities:
+            disparity = self._disparity()
+            if has_subscribers(disparity):
+                message = disparity_msg(frame, header, self._pair_baseline_m)
+                self._publishers.send(disparity, message)
         wanted = [p for p in self._compressing_publishers(frame.modality) if has_subscribers(p)]
         if wanted:
             compression = Compression(**_section(values, "compressed"))
             compressed = _compress_frame(frame, header, compression)
             for publisher in wanted:
                 self._publishers.send(publisher, compressed)
+
+    def publish_transform(self, T_map_camera: FloatArray, map_frame: str, stamp: Time) -> None:
+        """Publish where the camera is, for mappers that take one message an image, as voxblox."""
+        publisher = self._transform()
+        if has_subscribers(publisher):
+            header = Header(stamp=stamp, frame_id=map_frame)
+            message = transform_to_msg(T_map_camera, header, self._optical_frame)
+            self._publishers.send(publisher, message)
+
+    def publish_detections(self, instances: Frame, labels: Frame | None, stamp: Time) -> None:
+        """Publish the boxes of the objects in an image of ids, with classes if there are labels."""
+        publisher = self._detections()
+        if has_subscribers(publisher):
+            header = Header(stamp=stamp, frame_id=self._image_frame)
+            of_pixels = None if labels is None else labels.data
+            message = detections_msg(instances.data, of_pixels, header)
+            self._publishers.send(publisher, message)
 
     def publish_cloud(
         self, depth: Frame, color: Frame | None, stamp: Time, values: Mapping[str, Any]
@@ -246,6 +287,18 @@ class SensorTopics:
     def _compressing_publishers(self, modality: str) -> list[TopicPublisher]:
         topics = [self._topic(modality, f"image_raw/{v}") for v in topic_variants(modality)]
         return [self._publishers.offer(CompressedImage, topic, SENSOR_QOS) for topic in topics]
+
+    def _detections(self) -> TopicPublisher:
+        topic = f"{self._namespace}/detections"
+        return self._publishers.offer(Detection2DArray, topic, SENSOR_QOS)
+
+    def _disparity(self) -> TopicPublisher:
+        topic = self._topic(DISPARITY, "disparity_image")
+        return self._publishers.offer(DisparityImage, topic, SENSOR_QOS)
+
+    def _transform(self) -> TopicPublisher:
+        topic = f"{self._namespace}/transform"
+        return self._publishers.offer(TransformStamped, topic, SENSOR_QOS)
 
     def _cloud(self) -> TopicPublisher:
         topic = f"{self._namespace}/depth_registered/points"

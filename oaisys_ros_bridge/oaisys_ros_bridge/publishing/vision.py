@@ -1,0 +1,108 @@
+"""Messages of stereo_msgs and vision_msgs: disparities, names of labels, boxes of objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import RegionOfInterest
+from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
+from vision_msgs.msg import (
+    BoundingBox2D,
+    Detection2D,
+    Detection2DArray,
+    LabelInfo,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    Point2D,
+    Pose2D,
+    VisionClass,
+)
+
+from oaisys_core.types import Frame
+from oaisys_ros_bridge.conversions import image_to_msg
+
+
+def disparity_msg(frame: Frame, header: Header, baseline_m: float) -> DisparityImage:
+    """Return the disparities of a left image: z is ``f * t / d``; d below the minimum is invalid.
+
+    Args:
+        frame: (H, W) float32 disparities in pixels, 0 where nothing was hit.
+        header: Of the left camera.
+        baseline_m: Of the pair.
+    """
+    seen = frame.data[frame.data > 0]
+    least, most = (float(seen.min()), float(seen.max())) if seen.size else (1.0, 1.0)
+    height, width = frame.data.shape
+    return DisparityImage(
+        header=header,
+        image=image_to_msg(frame.data, "32FC1", header),
+        f=float(frame.intrinsics.fx_px),
+        t=float(baseline_m),
+        valid_window=RegionOfInterest(height=height, width=width),
+        min_disparity=least,
+        max_disparity=most,
+        delta_d=float(np.spacing(np.float32(most))),
+    )
+
+
+def label_info_msg(names: Mapping[int, str], header: Header) -> LabelInfo:
+    """Return the names of semantic ids."""
+    classes = [VisionClass(class_id=i, class_name=name) for i, name in sorted(names.items())]
+    return LabelInfo(header=header, class_map=classes, threshold=0.0)
+
+
+def detections_msg(
+    instances: NDArray[Any], labels: NDArray[Any] | None, header: Header
+) -> Detection2DArray:
+    """Return the boxes of what is visible of objects, by rising id.
+
+    A box covers its pixels entirely; pixel centres are at integers. ``id`` is the object's,
+    ``class_id`` the semantic id of most of its pixels, ``score`` 1.
+
+    Args:
+        instances: (H, W) ids of objects, 0 for none.
+        labels: (H, W) semantic ids; None leaves out the class.
+        header: Of the images.
+    """
+    ids, inverse = np.unique(instances, return_inverse=True)
+    objects = inverse.reshape(instances.shape)
+    rows, columns = np.nonzero(instances)
+    which = objects[rows, columns]
+    if not which.size:
+        return Detection2DArray(header=header)
+    boxes = np.empty((len(ids), 4))
+    for at, values in enumerate((columns, rows)):
+        boxes[:, at], boxes[:, at + 2] = np.inf, -np.inf
+        np.minimum.at(boxes[:, at], which, values)
+        np.maximum.at(boxes[:, at + 2], which, values)
+    classes = None if labels is None else _classes(which, labels[rows, columns], len(ids))
+    detections = [
+        _detection(int(ids[i]), boxes[i], None if classes is None else int(classes[i]), header)
+        for i in np.flatnonzero(ids)
+    ]
+    return Detection2DArray(header=header, detections=detections)
+
+
+def _classes(which: NDArray[Any], labels: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return the most frequent label of each object, the smaller of two that are as frequent."""
+    kinds, inverse = np.unique(labels, return_inverse=True)
+    votes = np.zeros((count, len(kinds)), np.int64)
+    np.add.at(votes, (which, inverse), 1)
+    return np.asarray(kinds[votes.argmax(axis=1)])
+
+
+def _detection(
+    instance_id: int, box: NDArray[np.float64], class_id: int | None, header: Header
+) -> Detection2D:
+    left, top, right, bottom = box.tolist()
+    hypotheses = []
+    if class_id is not None:
+        hypothesis = ObjectHypothesis(class_id=str(class_id), score=1.0)
+        hypotheses.append(ObjectHypothesisWithPose(hypothesis=hypothesis))
+    centre = Pose2D(position=Point2D(x=(left + right) / 2, y=(top + bottom) / 2))
+    bbox = BoundingBox2D(center=centre, size_x=right - left + 1, size_y=bottom - top + 1)
+    return Detection2D(header=header, results=hypotheses, bbox=bbox, id=str(instance_id))
