@@ -101,6 +101,19 @@ def test_level_ground_follows_lamberts_law(elevation_deg: float) -> None:
     np.testing.assert_allclose(frame.data, expected, rtol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("elevation_deg", "rough"), [(90.0, 0), (30.0, 0), (25.0, 230), (60.0, 230)]
+)
+def test_drafts_follow_the_laws_too(elevation_deg: float, rough: int) -> None:
+    backend = AnalyticBackend()
+    backend.build(grey_world(elevation_deg, 4.0, rough), lambda _: None)
+    draft = replace(settings(), quality="draft")
+    (frame,) = backend.render_all([DOWN], draft, lambda _: None)
+    factor = rough_over_lambert(elevation_deg, rough / 255) if rough else 1.0
+    middle = frame.data[22:26, 30:34].mean(axis=(0, 1))
+    np.testing.assert_allclose(middle, factor * lambert(elevation_deg), rtol=0.01)
+
+
 def test_nothing_is_clipped_and_exposure_changes_nothing() -> None:
     bright = radiance(grey_world(30.0, sun_w_m2=4e6))
     np.testing.assert_allclose(bright.data[0, 0], lambert(30.0, 4e6), rtol=1e-4)

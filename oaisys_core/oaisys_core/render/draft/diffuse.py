@@ -39,8 +39,9 @@ class RoughDiffuse:
         self._lost_to_eye = 1 - self._single_albedo(self._view_cos)
         mean = fade * (1 + np.float32(MEAN_FADE) * roughness)
         lost = np.maximum(1 - mean, TINY)
-        # Light that is scattered more than once between the facets.
-        self._many = albedo * albedo * (mean / lost)[:, None] / (1 - albedo * lost[:, None])
+        # Light that is scattered more than once between the facets. The article has the square of
+        # the albedo; Cycles multiplies by the colour once more.
+        self._many = albedo**3 * (mean / lost)[:, None] / (1 - albedo * lost[:, None])
 
     def radiance(self, light_cos: Floats, both_cos: Floats) -> Floats:
         """Return (N, 3) radiance by an irradiance of 1 across the beam.

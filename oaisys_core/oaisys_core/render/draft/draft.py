@@ -119,7 +119,10 @@ class DraftRenderer:
 
     def _ground_look(self, surface: Surface, view: View, footprint_m: Floats) -> Appearance:
         normals = self._parts.normals.at(surface, view)
-        return self._parts.ground.at(view.points_m[:, 0], normals, footprint_m)
+        found = self._parts.ground.at(view.points_m[:, 0], normals, footprint_m)
+        if surface.scene.material.is_lambertian:
+            found = found._replace(roughness=np.zeros_like(found.roughness))
+        return found
 
     def _sun_shares(
         self, surface: Surface, view: View, look: Appearance, distance_m: Floats

@@ -27,7 +27,7 @@ def radiance(albedo: float, roughness: float, light: FloatArray, eye: FloatArray
 
 
 def by_the_article(albedo: float, roughness: float, light: FloatArray, eye: FloatArray) -> float:
-    """The exact albedo of single scattering, instead of its polynomial."""
+    """The exact albedo of single scattering, instead of its polynomial, and Cycles' third power."""
     fade = 1 / (1 + (1 / 2 - 2 / (3 * pi)) * roughness)
 
     def single(cos: float) -> float:
@@ -38,7 +38,8 @@ def by_the_article(albedo: float, roughness: float, light: FloatArray, eye: Floa
     apart = light @ eye - light[2] * eye[2]
     apart /= max(light[2], eye[2]) if apart > 0 else 1
     mean = fade * (1 + (2 / 3 - 28 / (15 * pi)) * roughness)
-    many = albedo**2 * mean / (1 - albedo * (1 - mean))
+    # Cycles multiplies what is reflected several times by the colour once more.
+    many = albedo**3 * mean / (1 - albedo * (1 - mean))
     lost = (1 - single(light[2])) * (1 - single(eye[2])) / (1 - mean) if roughness else 0.0
     return float((albedo * fade * (1 + roughness * apart) + many * lost) / pi * light[2])
 
