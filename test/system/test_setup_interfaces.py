@@ -136,7 +136,15 @@ def test_no_interface_of_the_environment_is_built_for_another_one() -> None:
 
 
 @pytest.mark.parametrize(
-    "package", ["oaisys_msgs", "simulation_interfaces", "stereo_msgs", "tf2_msgs", "vision_msgs"]
+    "package",
+    [
+        "grid_map_msgs",
+        "oaisys_msgs",
+        "simulation_interfaces",
+        "stereo_msgs",
+        "tf2_msgs",
+        "vision_msgs",
+    ],
 )
 def test_interfaces_have_what_the_middleware_loads(package: str) -> None:
     """rmw_fastrtps registers a type by its introspection; rmw_cyclonedds needs nothing else."""

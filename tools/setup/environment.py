@@ -27,7 +27,13 @@ VERSION = REPOSITORY / "VERSION"
 SETUP = Path(__file__).resolve().parent
 UNDERLAY = tuple(
     REPOSITORY / "tools" / "underlay" / name
-    for name in ("tf2_msgs", "simulation_interfaces", "stereo_msgs", "vision_msgs")
+    for name in (
+        "tf2_msgs",
+        "simulation_interfaces",
+        "stereo_msgs",
+        "vision_msgs",
+        "grid_map_msgs",
+    )
 )
 """Interface packages that are built if no wheel contains them."""
 OAISYS_MSGS = REPOSITORY / "oaisys_msgs"

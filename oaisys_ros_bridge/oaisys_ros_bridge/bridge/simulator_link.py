@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import NamedTuple
 
+from numpy.typing import ArrayLike
+
 from oaisys_core.errors import (
     ConfigError,
     InvalidInputError,
@@ -18,7 +20,16 @@ from oaisys_core.errors import (
     RenderError,
     WorkerLostError,
 )
-from oaisys_core.types import ModuleMetadata, ObjectPage, ObjectQuery, Pose, SimulatorInfo
+from oaisys_core.types import (
+    HeightGrid,
+    HeightQuery,
+    ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
+    Pose,
+    SimulatorInfo,
+    TriangleMesh,
+)
 from oaisys_grpc.client.simulator_client import (
     ClientTls,
     DriveStream,
@@ -35,6 +46,9 @@ HEALTH_TIMEOUT_S = 5.0
 FIRST_REBUILD_S = 15.0
 LONGEST_REBUILD_S = 120.0
 """Between two attempts at a first batch that the simulator itself says it cannot build."""
+
+MESH_ATTEMPTS = 3
+"""At a mesh, while other clients build worlds."""
 
 _WORLD_ERRORS = (RenderError, InvalidInputError, ConfigError)
 """Errors of the world, not of the connection: the next attempt probably fails, too."""
@@ -212,6 +226,40 @@ class SimulatorLink:
         """
         with self._lend_client() as client:
             return client.list_objects(query, metadata)
+
+    def query_height(self, points_m: ArrayLike) -> HeightQuery:
+        """Return the heights under (N, 3) points in ``map``.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+        with self._lend_client() as client:
+            return client.query_height(points_m)
+
+    def height_grid(
+        self, resolution_m: float, extent_m: tuple[float, float, float, float]
+    ) -> HeightGrid:
+        """Return the heights in a rectangle (min x, min y, max x, max y) of ``map``.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+        with self._lend_client() as client:
+            return client.height_grid(resolution_m, extent_m)
+
+    def ground_truth_mesh(self) -> tuple[int, TriangleMesh]:
+        """Return the true surface in ``map``, and the batch that it is of.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+        with self._lend_client() as client:
+            for _ in range(MESH_ATTEMPTS):
+                before = client.info().batch_id
+                mesh = client.ground_truth_mesh()
+                if client.info().batch_id == before:
+                    return before, mesh
+        raise NotReadyError("the world has changed while its mesh was sent")
 
     def end_simulation(self) -> None:
         """End the server's process, after the sample that is being rendered."""

@@ -181,8 +181,9 @@ class _Processes:
 
     def start_mapper(self, namespace: str, *, use_semantics: bool) -> None:
         """Start the mapper of a camera; a parameter file may change ``usual``, not ``fixed``."""
-        # No mesh every few seconds: one is saved at the end.
+        # No mesh and no map of the ground every few seconds: a mesh is saved at the end.
         usual = {"mesh_period": 0.0, "use_semantics": use_semantics}
+        usual["ground_map.length_m"] = 0.0
         fixed = {
             "camera": namespace,
             "voxel_size": self._options.voxel_size_m,

@@ -16,6 +16,7 @@ from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.drives import drive_server
+from oaisys_ros_bridge.bridge.ground_services import GroundServices
 from oaisys_ros_bridge.bridge.pose_commands import PoseCommands, sweep_server
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import (
@@ -25,6 +26,7 @@ from oaisys_ros_bridge.bridge.requests import (
 )
 from oaisys_ros_bridge.bridge.simulator_link import LinkChange, SimulatorLink
 from oaisys_ros_bridge.bridge.status import BridgeStatus
+from oaisys_ros_bridge.bridge.true_ground import TrueGround
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.nodes.managed_node import (
     ACTIVE,
@@ -38,6 +40,7 @@ from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_argumen
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
+from oaisys_ros_bridge.publishing.ground_topics import GroundTopics
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import SimulationControl
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
 from oaisys_ros_bridge.timers import steady_timer
@@ -47,7 +50,7 @@ if TYPE_CHECKING:
 
 DIAGNOSTICS_PERIOD_S = 1.0
 REFUSAL = "the bridge is {}: activate it first"
-THREADS = 19
+THREADS = 22
 """Enough for one request of each kind to wait for its turn while everything else goes on."""
 
 
@@ -72,7 +75,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         back_pressure = BackPressure(self, self._settings)
         self._topics = WorldTopics(self, self._settings, back_pressure)
         self._render_queue = RenderQueue(
-            self._topics, back_pressure, self._settings, on_sample=self._changed.trigger
+            self._topics, back_pressure, self._settings, on_sample=self._on_sample
         )
         self._render_queue.refusal = REFUSAL.format("unconfigured")
         self._commands = PoseCommands(self, self._render_queue, self._settings)
@@ -81,6 +84,11 @@ class BridgeNode(ParameterNode, ManagedNode):
             sweep_server(self, self._render_queue),
             drive_server(self, self._render_queue, self._topics),
         ]
+        GroundServices(self, self._render_queue)
+        ground = TrueGround(self._render_queue)
+        self._ground_topics = GroundTopics(
+            self, "ground_truth/", ground.newest_view, ground.find, self._settings
+        )
         self._simulation = SimulationControl(self._render_queue, self._topics)
         self._simulation_services = self._simulation_interfaces()
         self._offer_services()
@@ -183,6 +191,10 @@ class BridgeNode(ParameterNode, ManagedNode):
         if self._simulation_services is not None:
             self._simulation_services.stop(reason)
         self._render_queue.stop(reason)
+
+    def _on_sample(self) -> None:
+        self._changed.trigger()
+        self._ground_topics.note_view()
 
     def _settings(self) -> Mapping[str, Any]:
         return self.parameters

@@ -26,11 +26,13 @@ from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.mapper.inputs import IN_MAP, SAMPLE_INFO_TOPIC, MapperInputs
+from oaisys_ros_bridge.mapper.mapped_ground import MappedGround
 from oaisys_ros_bridge.mapper.mesh_topics import MeshTopics
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.publishing.ground_topics import GroundTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
@@ -87,6 +89,10 @@ class MapperNode(ParameterNode, Node):
             on_done=self._on_fused,
         )
         self._mesh_topics = MeshTopics(self, self._fusion, lambda: self.parameters)
+        ground = MappedGround(self._fusion)
+        self._ground_topics = GroundTopics(
+            self, "~/", ground.newest_view, ground.find, lambda: self.parameters
+        )
         self._inputs = MapperInputs(
             self,
             values,
@@ -110,6 +116,7 @@ class MapperNode(ParameterNode, Node):
             self._samples.ledger.give_up(stamp_ns, fault)
         else:
             self._samples.ledger.arrive(IN_MAP, stamp_ns)
+            self._ground_topics.note_view()
 
     def _on_settled(self) -> None:
         """Publish the status; warn when more is missing than before."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.parameters.ground_maps import ground_map_rows
 from oaisys_ros_bridge.parameters.publishing import CLOUDS, COMPRESSED, FAULTS, TRAJECTORY
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable, Rule
 
@@ -205,6 +206,7 @@ BRIDGE = ParameterTable(
         *COMPRESSED,
         *TRAJECTORY,
         *_CLOCK,
+        *ground_map_rows(length_m=0.0, period_s=0.0),
         *FAULTS,
     ),
     rules=(

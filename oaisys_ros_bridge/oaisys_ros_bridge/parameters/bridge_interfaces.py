@@ -11,6 +11,7 @@ from oaisys_ros_bridge.parameters.interface_table import (
     SMALL_MESSAGES,
     Interface,
     InterfaceKind,
+    ground_map_interfaces,
 )
 
 
@@ -122,6 +123,7 @@ _IMUS = (
 )
 
 _RIG = (
+    *ground_map_interfaces("ground_truth/", "as it is"),
     Interface(
         InterfaceKind.PUBLISHED,
         "ground_truth/odometry",
@@ -249,6 +251,18 @@ _REQUESTS = (
         "~/set_metadata",
         "oaisys_msgs/srv/SetMetadata",
         "Set light, objects, lenses, quality from the next sample on.",
+    ),
+    Interface(
+        InterfaceKind.SERVICE,
+        "~/query_height",
+        "oaisys_msgs/srv/QueryHeight",
+        "Heights of ground and surface under points, and the points' clearance.",
+    ),
+    Interface(
+        InterfaceKind.SERVICE,
+        "~/get_ground_truth_mesh",
+        "oaisys_msgs/srv/GetGroundTruthMesh",
+        "The true surface of the world, in the answer or as a file.",
     ),
     Interface(
         InterfaceKind.SERVICE, "~/end_simulation", "std_srvs/srv/Trigger", "End the simulator."

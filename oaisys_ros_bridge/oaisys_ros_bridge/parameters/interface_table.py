@@ -47,6 +47,27 @@ class Interface:
     qos: str = ""
 
 
+def ground_map_interfaces(prefix: str, which: str) -> tuple[Interface, ...]:
+    """Return the maps of the ground of a node."""
+    return (
+        Interface(
+            InterfaceKind.PUBLISHED,
+            f"{prefix}grid_map",
+            "grid_map_msgs/msg/GridMap",
+            f"The ground around the rig, {which}: layers elevation (m), slope (rad), roughness and "
+            "step (m), traversability (1 to 0), class; see `ground_map.*`.",
+            LATCHED,
+        ),
+        Interface(
+            InterfaceKind.PUBLISHED,
+            f"{prefix}occupancy",
+            "nav_msgs/msg/OccupancyGrid",
+            "The same for a rover: 0 is level and smooth, 100 impassable, -1 unknown.",
+            LATCHED,
+        ),
+    )
+
+
 MAPPER_INTERFACES = (
     Interface(
         InterfaceKind.SUBSCRIBED,
@@ -112,6 +133,7 @@ MAPPER_INTERFACES = (
         "Triangles with colours, metres in the map frame.",
         LATCHED,
     ),
+    *ground_map_interfaces("~/", "as mapped"),
     Interface(
         InterfaceKind.PUBLISHED,
         "~/surface_points",

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_mapping.voxels.config import WEIGHTINGS, WHEN_FULL, TsdfConfig
+from oaisys_ros_bridge.parameters.ground_maps import ground_map_rows
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
 
 _USUAL = TsdfConfig()
@@ -188,7 +189,9 @@ _OUTPUTS = (
     ),
 )
 
-MAPPER = ParameterTable((*_VOLUME, *_INPUTS, *_OUTPUTS))
+MAPPER = ParameterTable(
+    (*_VOLUME, *_INPUTS, *_OUTPUTS, *ground_map_rows(length_m=20.0, period_s=5.0))
+)
 """The mapper's parameters."""
 
 

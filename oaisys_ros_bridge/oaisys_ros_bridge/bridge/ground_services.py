@@ -1,0 +1,134 @@
+"""Services about the true ground: heights under points, and the surface as a mesh."""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_mapping.evaluation.truth_io import write_truth
+from oaisys_msgs.msg import SemanticLabel
+from oaisys_msgs.srv import GetGroundTruthMesh, QueryHeight
+from oaisys_ros_bridge.bridge.render_queue import RenderQueue
+
+MAX_POINTS = 1_000_000
+"""Of one request."""
+MAX_MESH_BYTES = 1_000_000_000
+"""Of a mesh in an answer; a larger one is written to a file."""
+
+
+class GroundServices:
+    """Offers the services; each has a group of its own, as its answer may wait for a render.
+
+    Args:
+        node: The bridge.
+        render_queue: Knows the simulator and the frames.
+    """
+
+    def __init__(self, node: Node, render_queue: RenderQueue) -> None:
+        self._node = node
+        self._render_queue = render_queue
+        services: tuple[tuple[Any, str, Callable[..., None]], ...] = (
+            (QueryHeight, "~/query_height", self._query_height),
+            (GetGroundTruthMesh, "~/get_ground_truth_mesh", self._get_mesh),
+        )
+        for kind, name, fill in services:
+            answer = self._answer(name, fill)
+            group = MutuallyExclusiveCallbackGroup()
+            node.create_service(kind, name, answer, callback_group=group)
+
+    def _answer(self, name: str, fill: Callable[..., None]) -> Callable[[Any, Any], Any]:
+        """Return the callback of a service; an error becomes its message."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                fill(request, response)
+                response.success = True
+            except (OaisysError, OSError, ValueError) as error:  # the last of a path with a NUL
+                response = type(response)(message=str(error))
+                self._node.get_logger().warning(f"{name} failed: {error}")
+            return response
+
+        return answer
+
+    def _query_height(self, request: QueryHeight.Request, response: QueryHeight.Response) -> None:
+        points_m = _points(request.points)
+        T_map_frame = self._render_queue.frames.transform_to_map(request.header, "header")
+        in_map_m = points_m @ T_map_frame[:3, :3].T + T_map_frame[:3, 3]
+        found = self._render_queue.require_link().query_height(in_map_m)
+        response.header = self._header()
+        response.ground_height = found.ground_height_m
+        response.surface_height = found.surface_height_m
+        response.clearance = found.clearance_m
+
+    def _get_mesh(
+        self, request: GetGroundTruthMesh.Request, response: GetGroundTruthMesh.Response
+    ) -> None:
+        link = self._render_queue.require_link()
+        batch_id, mesh = link.ground_truth_mesh()
+        response.header = self._header()
+        response.batch_id = batch_id
+        response.vertex_count, response.triangle_count = len(mesh.vertices_m), len(mesh.triangles)
+        names = sorted(link.info.semantic_labels.items())
+        response.labels = [SemanticLabel(id=i, name=name) for i, name in names]
+        if request.path:
+            path = Path(request.path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_truth(path, mesh)
+        else:
+            _fill_mesh(mesh, response)
+
+    def _header(self) -> Header:
+        stamp = self._node.get_clock().now().to_msg()
+        return Header(stamp=stamp, frame_id=self._render_queue.map_frame)
+
+
+def _points(points: list[Any]) -> FloatArray:
+    """Return the (N, 3) coordinates of points.
+
+    Raises:
+        InvalidInputError: There are too many, or one is not finite.
+    """
+    if len(points) > MAX_POINTS:
+        raise InvalidInputError("points", f"{len(points)} points", f"at most {MAX_POINTS}")
+    points_m = np.array([(p.x, p.y, p.z) for p in points], np.float64).reshape(-1, 3)
+    wrong = np.flatnonzero(~np.isfinite(points_m).all(axis=1))
+    if len(wrong):
+        received = points_m[wrong[0]].tolist()
+        raise InvalidInputError(f"points[{wrong[0]}]", received, "finite coordinates")
+    return points_m
+
+
+def _fill_mesh(mesh: TriangleMesh, response: GetGroundTruthMesh.Response) -> None:
+    """Write the arrays of a mesh into an answer.
+
+    Raises:
+        InvalidInputError: They do not fit into a message.
+    """
+    ids = [each for each in (mesh.semantic_ids, mesh.instance_ids) if each is not None]
+    size = sum(each.nbytes for each in (mesh.vertices_m, mesh.triangles, *ids))
+    if size > MAX_MESH_BYTES:
+        expected = f"a file: the mesh has {size} bytes, and a message at most {MAX_MESH_BYTES}"
+        raise InvalidInputError("path", "", expected)
+    response.vertices = _values("d", mesh.vertices_m, np.float64)
+    response.triangles = _values("I", mesh.triangles, np.uint32)
+    if mesh.semantic_ids is not None:
+        response.semantic_ids = _values("H", mesh.semantic_ids, np.uint16)
+    if mesh.instance_ids is not None:
+        response.instance_ids = _values("I", mesh.instance_ids, np.uint32)
+
+
+def _values(code: str, data: NDArray[Any], dtype: type[Any]) -> array.array[Any]:
+    """Return an array in the type that rclpy does not check value by value."""
+    values = array.array(code)
+    values.frombytes(np.ascontiguousarray(data, dtype).tobytes())
+    return values

@@ -1,0 +1,115 @@
+"""Topics of the ground around the rig: a grid map of several layers, and an occupancy grid."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from grid_map_msgs.msg import GridMap
+from nav_msgs.msg import OccupancyGrid
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from oaisys_core.errors import OaisysError
+from oaisys_mapping.ground_grid import GridPlace, GroundGrid
+from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
+from oaisys_ros_bridge.ground_maps import ground_msgs
+from oaisys_ros_bridge.parameters.ground_maps import check_ground_map, rover_of
+from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.timers import steady_timer
+
+LOOK_S = 0.1
+"""Between two looks whether a map is due."""
+
+
+@dataclass(frozen=True)
+class NewestView:
+    """What the next map would be of.
+
+    Attributes:
+        number: Of the view; another one for each.
+        stamp_ns: When it was taken.
+        xy_m: The rig or its camera, in ``map``.
+    """
+
+    number: int
+    stamp_ns: int
+    xy_m: tuple[float, float]
+
+
+class GroundTopics:
+    """Publishes the ground, latched, to whoever subscribes.
+
+    Args:
+        node: Owner of the publishers.
+        prefix: Of the topics.
+        newest_view: Returns the newest view; None: there is none.
+        find_ground: Returns the ground in a place; called on a thread that may wait.
+        settings: Returns the node's parameters.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        prefix: str,
+        newest_view: Callable[[], NewestView | None],
+        find_ground: Callable[[GridPlace], GroundGrid],
+        settings: Settings,
+    ) -> None:
+        self._node = node
+        self._newest_view = newest_view
+        self._find_ground = find_ground
+        self._settings = settings
+        self._published: int | None = None
+        self._published_s = -math.inf
+        self._told = ""
+        self._grid_map = node.create_publisher(GridMap, f"{prefix}grid_map", LATCHED_QOS)
+        self._occupancy = node.create_publisher(OccupancyGrid, f"{prefix}occupancy", LATCHED_QOS)
+        group = MutuallyExclusiveCallbackGroup()
+        self._sample = node.create_guard_condition(self.publish_new, callback_group=group)
+        steady_timer(node, LOOK_S, self.publish_new, group)
+
+    def note_view(self) -> None:
+        """Look soon whether a map is due."""
+        self._sample.trigger()
+
+    def publish_new(self) -> None:
+        """Publish the ground around the newest view if that is due and somebody subscribes."""
+        values, view = self._settings(), self._newest_view()
+        if not values["ground_map.length_m"] or view is None or not self._has_subscribers():
+            return
+        period_s = values["ground_map.period_s"]
+        if view.number == self._published if not period_s else not self._is_due(period_s):
+            return
+        self._published, self._published_s = view.number, time.monotonic()
+        length_m, cell_m = values["ground_map.length_m"], values["ground_map.resolution_m"]
+        try:
+            check_ground_map(values)
+            grid = self._find_ground(GridPlace.around(view.xy_m, length_m, cell_m))
+        except OaisysError as error:
+            self._tell(str(error))
+            return
+        self._tell("")
+        stamp: Time = stamp_from_nanoseconds(view.stamp_ns)
+        header = Header(stamp=stamp, frame_id=values["map_frame"])
+        grid_map, occupancy = ground_msgs(grid, rover_of(values), header)
+        self._grid_map.publish(grid_map)
+        self._occupancy.publish(occupancy)
+
+    def _has_subscribers(self) -> bool:
+        publishers = (self._grid_map, self._occupancy)
+        return any(publisher.get_subscription_count() for publisher in publishers)
+
+    def _is_due(self, period_s: float) -> bool:
+        return time.monotonic() >= self._published_s + period_s
+
+    def _tell(self, reason: str) -> None:
+        """Warn why there is no map, once for the same reason."""
+        if reason and reason != self._told:
+            self._node.get_logger().warning(f"no map of the ground: {reason}")
+        self._told = reason
