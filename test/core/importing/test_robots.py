@@ -268,6 +268,28 @@ def test_axes_of_collada_are_those_of_rviz_and_gazebo(tmp_path: Path, up: str) -
     np.testing.assert_allclose(mesh.vertices_m, np.diag((1.0, 2.0, 3.0)), atol=1e-6)
 
 
+def test_a_visual_that_is_wrong_does_not_hide_the_sensors(tmp_path: Path) -> None:
+    file = write_robot(tmp_path)
+    wrong = file.read_text().replace('size="0.8 0.5 0.2"', 'size="0.8 0.5"')
+    file.write_text(wrong.replace('<material name="red"/>', '<material name="rde"/>'))
+    out = tmp_path / "o.yaml"
+    assert run(file, "--out", out).exit_code == 0
+    assert "# Not shown: robot: line 4: <box>: received '0.8 0.5', expected 3" in out.read_text()
+    assert "# The material 'rde' has no colour anywhere." in out.read_text()
+    assert load_config(out).sensors.cameras[0].name == "cam"
+    assert len(load_mesh(tmp_path / "o_visuals.glb").materials) == 2
+
+
+def test_a_material_may_be_defined_by_a_later_visual(tmp_path: Path) -> None:
+    """That of the body is the head's: urdfdom looks for names once it has read all links."""
+    file = write_robot(tmp_path)
+    file.write_text(file.read_text().replace('<material name="red"/>', '<material name="own"/>'))
+    out = tmp_path / "o.yaml"
+    assert run(file, "--out", out).exit_code == 0
+    first = load_mesh(tmp_path / "o_visuals.glb").materials[0]
+    assert first.color_srgb == pytest.approx((0, 1, 0), abs=1e-6)
+
+
 def test_what_is_transparent_is_not_shown(tmp_path: Path) -> None:
     file = write_robot(tmp_path)
     red = 'rgba="0.8 0.1 0.05 1"'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -181,6 +182,20 @@ def test_a_model_of_a_world(tmp_path: Path) -> None:
     found = read_robot_file(tmp_path / "w.sdf", model="bot")
     assert found is not None
     assert found.sensors.cameras[0].modalities == ("semantic_0",)
+
+
+def test_a_long_chain_of_frames_takes_no_longer_than_its_length(tmp_path: Path) -> None:
+    count = 20_000
+    frames = [
+        f'<frame name="f{n}"><pose relative_to="f{n + 1}">0 0 0.001 0 0 0</pose></frame>'
+        for n in range(count)
+    ]
+    end = f'<frame name="f{count}"/>'
+    link = f'<link name="l"><pose relative_to="f0"/>{camera()}</link>'
+    start_s = time.process_time()
+    found = read(model("".join(frames) + end + link), tmp_path)
+    assert time.process_time() - start_s < 20
+    check_mount(found, pose(0, 0, 0.001 * count, 0, 0, 0))
 
 
 def test_what_else_a_model_has_is_named(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 from xml.parsers import expat
 
-from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import MAX_DEPTH
 
 FIELD = "robot"
@@ -124,7 +124,7 @@ class XmlElement:
         except ValueError:
             found = [math.nan]
         if len(found) != count or not all(map(math.isfinite, found)):
-            shown = quote(self.text if text is None else text)
+            shown = self.text if text is None else text
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
             raise InvalidInputError(self.where, shown, wanted)
         return found
@@ -195,7 +195,7 @@ class _Builder:
         element = self._open.pop()
         element.text = "".join(self._texts.pop()).strip()
         if XACRO.search(element.text):
-            raise InvalidInputError(element.where, quote(element.text), XACRO_COMMAND)
+            raise InvalidInputError(element.where, element.text, XACRO_COMMAND)
 
     def _characters(self, text: str) -> None:
         self._texts[-1].append(text)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations.robots.elements import XmlElement
 from oaisys_core.geometry import check_pose, pose_to_matrix, transform
 from oaisys_core.types import FloatArray
@@ -17,6 +17,8 @@ MODEL = "__model__"
 
 def rotation_of(roll_pitch_yaw_rad: list[float]) -> FloatArray:
     """Return the (3, 3) rotation of angles about fixed x, y and z, in this order."""
+    if not any(roll_pitch_yaw_rad):  # most of them; SciPy takes longer
+        return np.eye(3)
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_euler("xyz", roll_pitch_yaw_rad).as_matrix())
@@ -103,20 +105,21 @@ class FrameGraph:
         Raises:
             InvalidInputError: There is no such frame, or it is relative to itself.
         """
-        way: list[str] = []
+        way: dict[str, None] = {}
         while name not in self._found:
             if name in way:
                 raise InvalidInputError(where, " > ".join([*way, name]), "frames without a circle")
             if name not in self._frames:
                 expected = f"one of {', '.join(self._frames)}"[:300]
-                raise InvalidInputError(where, quote(name), expected)
-            way.append(name)
+                raise InvalidInputError(where, name, expected)
+            way[name] = None
             where = self._frames[name].where
             name = self._frames[name].relative_to
+        first = next(iter(way), name)
         for each in reversed(way):
             frame = self._frames[each]
             self._found[each] = self._found[frame.relative_to] @ frame.T
-        return self._found[way[0] if way else name]
+        return self._found[first]
 
     def poses(self) -> Iterator[tuple[str, FloatArray]]:
         """Yield the name and the (4, 4) pose in the model of each frame."""

@@ -16,7 +16,7 @@ from oaisys_core.files.calibrations.robots.records import (
     note_joints,
 )
 from oaisys_core.files.calibrations.robots.sensors import SensorCollection
-from oaisys_core.files.calibrations.robots.visuals import is_shown, sdf_color, sdf_shape
+from oaisys_core.files.calibrations.robots.visuals import is_shown, sdf_color, sdf_shape, tolerate
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray
 
@@ -63,9 +63,9 @@ def read_sdf(root: XmlElement, base: str | None, model_name: str | None) -> Robo
             T = T_base_model @ _pose_on(sensor, name, prefix, content)
             sensors.add(sensor, T, name)
         for visual in link.all("visual"):
-            T = T_base_model @ _pose_on(visual, name, prefix, content)
-            if (found := _visual(visual, T, visual_notes)) is not None:
-                visuals.append(found)
+            with tolerate(visual_notes):
+                T = T_base_model @ _pose_on(visual, name, prefix, content)
+                visuals += _visual(visual, T, visual_notes)
     note_joints(content.joints, sensors.links, notes, visual_notes)
     return Robot(
         model.name,
@@ -150,12 +150,12 @@ def _pose_on(element: XmlElement, link: str, prefix: str, content: ModelContent)
     return content.frames.pose(frame, element.where) @ pose_of(pose)
 
 
-def _visual(visual: XmlElement, T: FloatArray, notes: Notes) -> Visual | None:
+def _visual(visual: XmlElement, T: FloatArray, notes: Notes) -> list[Visual]:
     shape, color = sdf_shape(visual, notes), sdf_color(visual)
     name = visual.attributes.get("name", visual.where)
     if shape is None or not is_shown(name, color, notes):
-        return None
-    return Visual(visual.where, shape, T, None if color is None else color[:3])
+        return []
+    return [Visual(visual.where, shape, T, None if color is None else color[:3])]
 
 
 def _note_model(model: XmlElement, sensors: SensorCollection, notes: Notes) -> None:

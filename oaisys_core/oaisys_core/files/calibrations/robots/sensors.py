@@ -24,6 +24,7 @@ from oaisys_core.files.calibrations.robots.records import Notes
 from oaisys_core.types import FloatArray
 
 OPTICAL = "optical"
+MOST_SENSORS = 1000
 NAMES = (
     *("topic", "gz_frame_id", "ignition_frame_id", "frame_id", "optical_frame_id"),
     *("camera_info_topic", "trigger_topic", "always_on", "visualize", "enable_metrics"),
@@ -56,6 +57,8 @@ class SensorCollection:
             InvalidInputError: A value is missing or wrong, or we lack its model.
         """
         kind = sensor.attribute("type")
+        if len(self.links) >= MOST_SENSORS:
+            raise InvalidInputError(sensor.where, "more sensors", f"at most {MOST_SENSORS}")
         self.note_plugins(sensor)
         if kind in MODALITIES:
             self._add_cameras(sensor, kind, T_base_sensor, link)

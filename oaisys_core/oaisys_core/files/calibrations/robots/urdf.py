@@ -20,6 +20,7 @@ from oaisys_core.files.calibrations.robots.visuals import (
     Rgba,
     is_shown,
     material_color,
+    tolerate,
     urdf_color,
     urdf_shape,
 )
@@ -153,17 +154,25 @@ def _visuals(
     notes: Notes,
 ) -> list[Visual]:
     """Return the visuals, in the order of the links."""
-    known: dict[str, Rgba] = {}
-    for material in root.all("material"):
-        if (color := material_color(material, notes)) is not None:
-            known[material.attributes.get("name", "")] = color
+    known = _materials([root, *(v for link in links.values() for v in link.all("visual"))], notes)
     found = []
     for name, link in links.items():
         for visual in link.all("visual"):
-            T = in_base[name] @ origin_in(visual)
-            color = urdf_color(visual, known, notes)
-            shape = urdf_shape(visual)
-            if is_shown(f"a visual of {name}", color, notes):
-                plain = None if color is None else color[:3]
-                found.append(Visual(visual.where, shape, T, plain))
+            with tolerate(notes):
+                T, color = in_base[name] @ origin_in(visual), urdf_color(visual, known, notes)
+                shape = urdf_shape(visual)
+                if is_shown(f"a visual of {name}", color, notes):
+                    plain = None if color is None else color[:3]
+                    found.append(Visual(visual.where, shape, T, plain))
+    return found
+
+
+def _materials(places: list[XmlElement], notes: Notes) -> dict[str, Rgba]:
+    """Return the colours by name of all materials in the elements; the first of a name counts."""
+    found: dict[str, Rgba] = {}
+    for place in places:
+        for material in place.all("material"):
+            with tolerate(notes):
+                if (color := material_color(material, notes)) is not None:
+                    found.setdefault(material.attributes.get("name", ""), color)
     return found

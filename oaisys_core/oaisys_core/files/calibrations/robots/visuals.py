@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal
 
 from oaisys_core.errors import InvalidInputError
@@ -13,6 +15,15 @@ Rgba = tuple[float, float, float, float]
 GREY = (0.5, 0.5, 0.5)
 HIDDEN = 0.01
 """Opacity up to which nothing is shown, as of bodies that are there for collisions alone."""
+
+
+@contextmanager
+def tolerate(notes: Notes) -> Iterator[None]:
+    """Note a visual that is wrong instead of refusing the robot and its sensors."""
+    try:
+        yield
+    except InvalidInputError as error:
+        notes.add(f"not shown: {error}")
 
 
 def sdf_shape(visual: XmlElement, notes: Notes) -> Shape | None:
@@ -105,17 +116,17 @@ def urdf_color(visual: XmlElement, known: dict[str, Rgba], notes: Notes) -> Rgba
 
     Args:
         visual: It.
-        known: Colours by material; one that a visual defines is added.
-        notes: Where a texture is noted.
+        known: Colours by material.
+        notes: Where a texture, and a material that is nowhere, is noted.
     """
     material = visual.child("material")
     if material is None:
         return None
     name = material.attributes.get("name", "")
-    if (color := material_color(material, notes)) is not None:
-        known.setdefault(name, color)
-        return color
-    return known.get(name)
+    color = material_color(material, notes)
+    if color is None and name not in known and material.child("texture") is None:
+        notes.add(f"the material {name!r} has no colour anywhere")
+    return known.get(name) if color is None else color
 
 
 def material_color(material: XmlElement, notes: Notes) -> Rgba | None:
