@@ -295,6 +295,15 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, message: str) -> None
         read(text, tmp_path)
 
 
+def test_empty_lines_before_the_declaration_are_read_and_counted(tmp_path: Path) -> None:
+    found = read("\n\n" + robot(on("head", CAMERA)), tmp_path)
+    assert found.cameras[0].name == "front_cam"
+    with pytest.raises(InvalidInputError, match=r"lines 5 and 21"):
+        read("\n\n" + robot(links='<link name="head"/>'), tmp_path)
+    (tmp_path / "marked.urdf").write_text(robot(on("head", CAMERA)), encoding="utf-8-sig")
+    assert len(read_calibration(tmp_path / "marked.urdf").cameras) == 1
+
+
 BOMB = """<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>
 <robot name="&b;"><link name="base_link"/></robot>"""
 OUTSIDE = """<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostname">]>

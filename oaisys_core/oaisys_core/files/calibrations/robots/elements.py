@@ -151,9 +151,12 @@ def parse_xml(data: bytes) -> XmlElement:
         InvalidInputError: It is not XML, has a DOCTYPE, is nested more than `MAX_DEPTH` times,
             has more than `MOST_ELEMENTS` elements, or has to be expanded by xacro.
     """
-    builder = _Builder()
+    # Gazebo reads files with empty lines before the declaration, which XML does not allow.
+    start = data.lstrip(b"\xef\xbb\xbf \t\r\n")
+    skipped = data[: len(data) - len(start)] if start.startswith(b"<?xml") else b""
+    builder = _Builder(skipped.count(b"\n"))
     try:
-        builder.parser.Parse(data, True)
+        builder.parser.Parse(data[len(skipped) :], True)
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise InvalidInputError(FIELD, "an XML file", f"one that can be read ({error})") from error
     assert builder.root is not None  # expat refuses documents without elements
@@ -163,7 +166,8 @@ def parse_xml(data: bytes) -> XmlElement:
 class _Builder:
     """Builds the tree while expat reads, within the bounds."""
 
-    def __init__(self) -> None:
+    def __init__(self, lines_before: int) -> None:
+        self._lines_before = lines_before
         self.root: XmlElement | None = None
         self._open: list[XmlElement] = []
         self._texts: list[list[str]] = []
@@ -176,7 +180,7 @@ class _Builder:
         self.parser.StartDoctypeDeclHandler = self._refuse_doctype
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        line = self.parser.CurrentLineNumber
+        line = self.parser.CurrentLineNumber + self._lines_before
         self._count += 1
         if len(self._open) >= MAX_DEPTH or self._count > MOST_ELEMENTS:
             expected = f"at most {MAX_DEPTH} levels and {MOST_ELEMENTS} elements"
@@ -202,7 +206,7 @@ class _Builder:
 
     def _refuse_doctype(self, name: str, *_: Any) -> None:
         # Entities are declared there, in the file or elsewhere, and expat drops unknown ones.
-        line = self.parser.CurrentLineNumber
+        line = self.parser.CurrentLineNumber + self._lines_before
         shown = f"<!DOCTYPE {name[:40]}>"
         raise InvalidInputError(f"{FIELD}: line {line}", shown, "XML without DOCTYPE and entities")
 
