@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import Bool
@@ -37,12 +38,20 @@ class BridgeStatus:
         node: The bridge.
         render_queue: Whose counts, link and readers are reported.
         settings: Returns the bridge's parameters.
+        now: Returns the bridge's own time.
     """
 
-    def __init__(self, node: ManagedNode, render_queue: RenderQueue, settings: Settings) -> None:
+    def __init__(
+        self,
+        node: ManagedNode,
+        render_queue: RenderQueue,
+        settings: Settings,
+        now: Callable[[], Time],
+    ) -> None:
         self._node = node
         self._render_queue = render_queue
         self._settings = settings
+        self._now = now
         self._ready_lock = threading.Lock()
         self._is_ready: bool | None = None
         self._namesakes = 0
@@ -67,7 +76,7 @@ class BridgeStatus:
         address = self._settings()["address"]
         simulator = self._simulator_status(address, reason)
         array = DiagnosticArray(status=[simulator, self._readers_status(address)])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = self._now()
         self._diagnostics.publish(array)
 
     def _simulator_status(self, address: str, reason: str | None) -> DiagnosticStatus:
@@ -94,7 +103,7 @@ class BridgeStatus:
         for publisher in self._node.publishers:
             # A caller that must not lose the first sample waits until its subscribers are known.
             values[f"{SUBSCRIBERS}{publisher.topic_name}"] = publisher.get_subscription_count()
-        name = f"{self._node.get_name()}: simulator"
+        name = f"{own_name(self._node)}: simulator"
         return _status(name, address, level, message, values)
 
     def _count_namesakes(self) -> int:
@@ -130,7 +139,7 @@ class BridgeStatus:
         wrong, values = self._render_queue.back_pressure.diagnostics()
         level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
         message = "; ".join(wrong) or "nothing is lost"
-        return _status(f"{self._node.get_name()}: readers", address, level, message, values)
+        return _status(f"{own_name(self._node)}: readers", address, level, message, values)
 
 
 def own_name(node: Node) -> str:

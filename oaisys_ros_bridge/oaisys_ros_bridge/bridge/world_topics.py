@@ -65,7 +65,9 @@ class WorldTopics:
                 return
             if self._samples is not None:
                 self._samples.destroy()
-            self._samples = SamplePublisher(self._node, info, self._settings, self._numbers)
+            self._samples = SamplePublisher(
+                self._node, info, self._settings, self._numbers, now=self.now
+            )
             if self._repeater is None and (rate_hz := self._settings()["tf_rate"]):
                 group = MutuallyExclusiveCallbackGroup()
                 self._repeater = self._node.create_timer(
@@ -126,6 +128,16 @@ class WorldTopics:
             yield DriveTopics(samples, stamps, begin_ns, start_ns)
         finally:
             stamps.end_drive()
+
+    def now(self) -> Time:
+        """Return the bridge's own time: with ``publish_clock`` the simulated one, 0 at first."""
+        with self._lock:
+            if self._stamps is not None:
+                return self._stamps.now()
+        if self.has_clock:
+            return Time()
+        now: Time = self._node.get_clock().now().to_msg()
+        return now
 
     @property
     def frames(self) -> FrameHistory:
@@ -251,6 +263,14 @@ class Stamps:
             raise InvalidInputError("use_sim_time", True, expected)
         self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS)
         self._timer = node.create_timer(CLOCK_PERIOD_S, self._publish)
+
+    def now(self) -> Time:
+        """Return the time of a message that belongs to no sample; it may be told several times."""
+        if not self.simulated:
+            now: Time = self._node.get_clock().now().to_msg()
+            return now
+        with self._lock:
+            return stamp_from_nanoseconds(self._last_ns)
 
     def next(self) -> Time:
         """Return the stamp of a sample."""

@@ -79,7 +79,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         )
         self._render_queue.refusal = REFUSAL.format("unconfigured")
         self._commands = PoseCommands(self, self._render_queue, self._settings)
-        self._status = BridgeStatus(self, self._render_queue, self._settings)
+        self._status = BridgeStatus(self, self._render_queue, self._settings, self._topics.now)
         self._goals = [
             sweep_server(self, self._render_queue),
             drive_server(self, self._render_queue, self._topics),

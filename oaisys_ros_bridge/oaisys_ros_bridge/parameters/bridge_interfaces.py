@@ -227,8 +227,8 @@ _STATE = (
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         "State, restarts, queue, memory, drops; durations of rendering, transfer and publishing of "
-        "the last sample; progress and losses of our own readers. At 1 Hz, at each change, after "
-        "each sample.",
+        "the last sample; progress and losses of our own readers. Names begin with the node's "
+        "full name. At 1 Hz, at each change, after each sample.",
         DEFAULT,
     ),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from itertools import count
@@ -59,6 +59,7 @@ class SamplePublisher:
         settings: Returns the values of the node's parameters; the names of frames are read now,
             everything else once for each sample.
         numbers: Sequence numbers of the samples.
+        now: Returns the time of messages that belong to no sample; None: that of the node's clock.
 
     Attributes:
         publishers: All of them.
@@ -74,8 +75,10 @@ class SamplePublisher:
         info: SimulatorInfo,
         settings: Settings,
         numbers: Iterator[int] | None = None,
+        *,
+        now: Callable[[], Time] | None = None,
     ) -> None:
-        self._node = node
+        self._now = now or (lambda: node.get_clock().now().to_msg())
         self._info = info
         self._settings = settings
         values = settings()
@@ -171,7 +174,7 @@ class SamplePublisher:
 
     def _publish_mounts(self, base_frame: str) -> None:
         """Latch where each sensor sits on the rig."""
-        stamp = self._node.get_clock().now().to_msg()
+        stamp = self._now()
         mounts = [m for topics in self.sensors.values() for m in topics.mount(base_frame, stamp)]
         for others in (self.lidars, self.imus):
             mounts += [m for topics in others.values() for m in topics.mount(base_frame, stamp)]
@@ -180,7 +183,7 @@ class SamplePublisher:
         publisher.publish(TFMessage(transforms=mounts))
 
     def _publish_labels(self) -> None:
-        stamp = self._node.get_clock().now().to_msg()
+        stamp = self._now()
         for topics in self.sensors.values():
             topics.publish_labels(self._info.semantic_labels, stamp)
 

@@ -56,7 +56,6 @@ class EntityServices:
         render_queue: RenderQueue,
         settings: Settings,
     ) -> None:
-        self._node = node
         self._simulation = simulation
         self._render_queue = render_queue
         self._settings = settings
@@ -199,9 +198,7 @@ class EntityServices:
         if pose is None:
             message = f"{entity.name}: its pose is known from the first sample on"
             raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
-        header = Header(
-            stamp=self._node.get_clock().now().to_msg(), frame_id=self._render_queue.map_frame
-        )
+        header = Header(stamp=self._simulation.now(), frame_id=self._render_queue.map_frame)
         return EntityState(header=header, pose=pose_to_msg(pose))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, replace
 
+from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 from oaisys_core.errors import NotReadyError, OaisysError
@@ -171,6 +172,10 @@ class SimulationControl:
             self.build(replace(request, seed=seed, reuse_stage=True))
         self._render_queue.metadata.clear()
         self.restart_clock()
+
+    def now(self) -> Time:
+        """Return the bridge's own time."""
+        return self._topics.now()
 
     @property
     def has_clock(self) -> bool:

@@ -237,7 +237,7 @@ def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
             status.message
             for array in crew.user.received["/diagnostics"]
             for status in array.status
-            if status.name == "oaisys_bridge: readers"
+            if status.name == "/oaisys_bridge: readers"
             and f"/oaisys_mapper: {incomplete}" in status.message
         ]
     )
