@@ -42,6 +42,13 @@ MOTION_QOS = _reliable(5000)
 CLOCK_QOS = _reliable(10)
 """Simulated time; nodes subscribe to it best effort."""
 
+MAX_WAITING = 256
+"""Requests of one service that may wait beside the one that is being served; others are refused."""
+
+SERVICE_QOS = _reliable(4 * MAX_WAITING)
+"""Requests and answers of a service. The middleware drops what is more, without a word; a node
+takes requests much faster than it serves them."""
+
 NEWEST_QOS = _reliable(1)
 """Commands of which only the newest counts."""
 

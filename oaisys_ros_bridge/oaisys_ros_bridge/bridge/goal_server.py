@@ -20,6 +20,7 @@ from rclpy.node import Node
 from oaisys_core.errors import CancelledError, OaisysError
 from oaisys_grpc.memory import IdleMemory
 from oaisys_ros_bridge.bridge.requests import Cancellation
+from oaisys_ros_bridge.qos import SERVICE_QOS
 
 CANCELLING_TIMEOUT_S = 1.0
 END_TIMEOUT_S = 3.0
@@ -69,6 +70,9 @@ class GoalServer:
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
             callback_group=ReentrantCallbackGroup(),
+            goal_service_qos_profile=SERVICE_QOS,
+            result_service_qos_profile=SERVICE_QOS,
+            cancel_service_qos_profile=SERVICE_QOS,
         )
 
     def stop(self, reason: str) -> None:

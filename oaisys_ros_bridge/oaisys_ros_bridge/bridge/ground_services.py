@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import Header
 
@@ -19,6 +19,7 @@ from oaisys_mapping.evaluation.truth_io import write_truth
 from oaisys_msgs.msg import SemanticLabel
 from oaisys_msgs.srv import GetGroundTruthMesh, QueryHeight
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
+from oaisys_ros_bridge.services import NodeServices
 
 MAX_POINTS = 1_000_000
 """Of one request."""
@@ -27,24 +28,31 @@ MAX_MESH_BYTES = 1_000_000_000
 
 
 class GroundServices:
-    """Offers the services; each has a group of its own, as its answer may wait for a render.
+    """Offers the services; each has a queue of its own, as its answer may wait for a render.
 
     Args:
         node: The bridge.
+        services: Of the bridge.
         render_queue: Knows the simulator and the frames.
+        now: Returns the bridge's own time.
     """
 
-    def __init__(self, node: Node, render_queue: RenderQueue) -> None:
+    def __init__(
+        self,
+        node: Node,
+        services: NodeServices,
+        render_queue: RenderQueue,
+        now: Callable[[], Time],
+    ) -> None:
         self._node = node
         self._render_queue = render_queue
-        services: tuple[tuple[Any, str, Callable[..., None]], ...] = (
+        self._now = now
+        offered: tuple[tuple[Any, str, Callable[..., None]], ...] = (
             (QueryHeight, "~/query_height", self._query_height),
             (GetGroundTruthMesh, "~/get_ground_truth_mesh", self._get_mesh),
         )
-        for kind, name, fill in services:
-            answer = self._answer(name, fill)
-            group = MutuallyExclusiveCallbackGroup()
-            node.create_service(kind, name, answer, callback_group=group)
+        for kind, name, fill in offered:
+            services.offer(kind, name, self._answer(name, fill))
 
     def _answer(self, name: str, fill: Callable[..., None]) -> Callable[[Any, Any], Any]:
         """Return the callback of a service; an error becomes its message."""
@@ -88,8 +96,7 @@ class GroundServices:
             _fill_mesh(mesh, response)
 
     def _header(self) -> Header:
-        stamp = self._node.get_clock().now().to_msg()
-        return Header(stamp=stamp, frame_id=self._render_queue.map_frame)
+        return Header(stamp=self._now(), frame_id=self._render_queue.map_frame)
 
 
 def _points(points: list[Any]) -> FloatArray:

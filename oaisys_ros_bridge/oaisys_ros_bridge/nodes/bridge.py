@@ -41,6 +41,7 @@ from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
 from oaisys_ros_bridge.publishing.ground_topics import GroundTopics
+from oaisys_ros_bridge.services import NodeServices
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import SimulationControl
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
 from oaisys_ros_bridge.timers import steady_timer
@@ -50,8 +51,9 @@ if TYPE_CHECKING:
 
 DIAGNOSTICS_PERIOD_S = 1.0
 REFUSAL = "the bridge is {}: activate it first"
-THREADS = 22
-"""Enough for one request of each kind to wait for its turn while everything else goes on."""
+THREADS = 12
+"""Enough for one goal of each action and a command to wait for their turns while everything else
+goes on; requests of services wait in queues of their own."""
 
 
 class BridgeNode(ParameterNode, ManagedNode):
@@ -84,7 +86,8 @@ class BridgeNode(ParameterNode, ManagedNode):
             sweep_server(self, self._render_queue),
             drive_server(self, self._render_queue, self._topics),
         ]
-        GroundServices(self, self._render_queue)
+        self._node_services = NodeServices(self)
+        GroundServices(self, self._node_services, self._render_queue, self._topics.now)
         ground = TrueGround(self._render_queue)
         self._ground_topics = GroundTopics(
             self, "ground_truth/", ground.newest_view, ground.find, self._settings
@@ -104,6 +107,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         self.stop_rendering("the bridge ends")
         if self._render_queue.link is not None:
             self._render_queue.link.close()
+        self._node_services.close()
 
     def configure(self) -> None:
         """Find the simulator and offer its topics."""
@@ -222,19 +226,20 @@ class BridgeNode(ParameterNode, ManagedNode):
         except ImportError as error:
             self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
             return None
-        return SimulationServices(self, self._simulation, self._render_queue, self._settings)
+        return SimulationServices(
+            self, self._node_services, self._simulation, self._render_queue, self._settings
+        )
 
     def _offer_services(self) -> None:
-        """Offer the services, each in a group of its own, as each may wait for its turn."""
-        services: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
+        """Offer the services, each with a queue of its own, as each may wait for its turn."""
+        offered: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
             (SetPose, "~/set_pose", self._on_set_pose),
             (StepBatch, "~/step_batch", self._on_step_batch),
             (SetMetadata, "~/set_metadata", self._on_set_metadata),
             (Trigger, "~/end_simulation", self._on_end_simulation),
         )
-        for kind, name, callback in services:
-            group = MutuallyExclusiveCallbackGroup()
-            self.create_service(kind, name, callback, callback_group=group)
+        for kind, name, callback in offered:
+            self._node_services.offer(kind, name, callback)
         steady_timer(self, DIAGNOSTICS_PERIOD_S, self._status.publish_diagnostics)
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -34,6 +33,7 @@ from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.publishing.ground_topics import GroundTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.services import RequestQueue, close_queues
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
 from oaisys_ros_bridge.timers import steady_timer
@@ -102,13 +102,15 @@ class MapperNode(ParameterNode, Node):
             self._forget_map,
         )
         self._samples.begin(time.time_ns())
+        self._requests = RequestQueue(self)
         self._offer_services(values["mesh_period"])
         self._publish_status()
 
     def close(self) -> None:
-        """Send the last receipt and end the fusion's thread."""
+        """Send the last receipt, end the fusion's thread, answer all requests."""
         self._samples.end()
         self._fusion.close()
+        close_queues([self._requests])
 
     def _on_fused(self, stamp_ns: int, fault: str) -> None:
         """Note in the ledger what has become of a frame."""
@@ -127,16 +129,20 @@ class MapperNode(ParameterNode, Node):
         self._publish_status()
 
     def _offer_services(self, mesh_period_s: float) -> None:
-        """Offer services and publish meshes now and then, in a group that may wait for frames."""
-        group = MutuallyExclusiveCallbackGroup()
+        """Offer services and publish meshes now and then, one at a time: each waits for frames."""
         for kind, name, callback in (
             (SaveMesh, "~/save_mesh", self._on_save_mesh),
             (Evaluate, "~/evaluate", self._on_evaluate),
             (Trigger, "~/reset", self._on_reset),
         ):
-            self.create_service(kind, name, callback, callback_group=group)
+            self._requests.offer(kind, name, callback)
         if mesh_period_s > 0:
-            steady_timer(self, mesh_period_s, self._mesh_topics.publish_new, group)
+            steady_timer(self, mesh_period_s, self._publish_mesh)
+
+    def _publish_mesh(self) -> None:
+        """Publish what is new of the mesh, unless a request is being served."""
+        if not self._requests.is_busy:
+            self._requests.submit(self._mesh_topics.publish_new)
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:

@@ -7,7 +7,6 @@ from typing import Any
 
 import simulation_interfaces.srv as srv
 from geometry_msgs.msg import PoseStamped
-from rclpy.node import Node
 from simulation_interfaces.msg import EntityCategory, EntityInfo, EntityState, Result
 from std_msgs.msg import Header
 
@@ -16,6 +15,7 @@ from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import ViewRequest, rig_pose
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.services import NodeServices
 from oaisys_ros_bridge.simulation_interfaces.entities import (
     Entity,
     UnsupportedBoundsError,
@@ -43,7 +43,7 @@ class EntityServices:
     """Lists, moves, spawns and deletes entities.
 
     Args:
-        node: Offers the services.
+        services: Of the node.
         simulation: State and world of the simulation.
         render_queue: Renders where an entity is put.
         settings: Returns the bridge's parameters.
@@ -51,7 +51,7 @@ class EntityServices:
 
     def __init__(
         self,
-        node: Node,
+        services: NodeServices,
         simulation: SimulationControl,
         render_queue: RenderQueue,
         settings: Settings,
@@ -61,7 +61,7 @@ class EntityServices:
         self._settings = settings
         self._things = SceneEntities(render_queue)
         offer_services(
-            node,
+            services,
             {
                 srv.GetEntities: self._get_entities,
                 srv.GetEntitiesStates: self._get_entities_states,

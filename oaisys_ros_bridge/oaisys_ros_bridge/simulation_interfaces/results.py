@@ -6,11 +6,10 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.node import Node
 from simulation_interfaces.msg import Result
 
 from oaisys_core.errors import NotReadyError, OaisysError
+from oaisys_ros_bridge.services import NodeServices
 
 
 class RefusedError(OaisysError):
@@ -21,18 +20,21 @@ class RefusedError(OaisysError):
         self.code = code
 
 
-def offer_services(node: Node, works: Mapping[Any, Callable[[Any, Any], None]]) -> None:
-    """Offer services, each in a callback group of its own; ``GetEntities`` is ``~/get_entities``.
+def offer_services(services: NodeServices, works: Mapping[Any, Callable[[Any, Any], None]]) -> None:
+    """Offer services, each with a queue of its own; ``GetEntities`` is ``~/get_entities``.
 
     Args:
-        node: Their owner.
+        services: Of the node.
         works: By type of the service: fills the response to a request in; raises `OaisysError` to
             refuse it.
     """
     for kind, work in works.items():
         name = re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
-        group = MutuallyExclusiveCallbackGroup()
-        node.create_service(kind, f"~/{name}", _answering(work), callback_group=group)
+        services.offer(kind, f"~/{name}", _answering(work), _refuse)
+
+
+def _refuse(response: Any, reason: str) -> None:
+    response.result = Result(result=Result.RESULT_OPERATION_FAILED, error_message=reason)
 
 
 def _answering(work: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:

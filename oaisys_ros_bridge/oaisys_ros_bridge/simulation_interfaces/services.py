@@ -7,6 +7,7 @@ from typing import Any
 
 import simulation_interfaces.srv as srv
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Resource, Result, SimulatorFeatures, WorldResource
@@ -16,6 +17,8 @@ from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.qos import SERVICE_QOS
+from oaisys_ros_bridge.services import NodeServices
 from oaisys_ros_bridge.simulation_interfaces.entity_services import EntityServices
 from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_services
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import (
@@ -77,7 +80,8 @@ class SimulationServices:
     """Offers state, steps and worlds of the simulation, and its entities.
 
     Args:
-        node: Offers the services.
+        node: Offers the action.
+        services: Of the node.
         simulation: State and world of the simulation.
         render_queue: Renders where an entity is put.
         settings: Returns the bridge's parameters.
@@ -86,17 +90,22 @@ class SimulationServices:
     def __init__(
         self,
         node: Node,
+        services: NodeServices,
         simulation: SimulationControl,
         render_queue: RenderQueue,
         settings: Settings,
     ) -> None:
         self._simulation = simulation
         node.create_service(
-            srv.GetSimulatorFeatures, "~/get_simulator_features", self._on_get_features
+            srv.GetSimulatorFeatures,
+            "~/get_simulator_features",
+            self._on_get_features,
+            qos_profile=SERVICE_QOS,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
-        EntityServices(node, simulation, render_queue, settings)
+        EntityServices(services, simulation, render_queue, settings)
         offer_services(
-            node,
+            services,
             {
                 srv.GetSimulationState: self._get_simulation_state,
                 srv.SetSimulationState: self._set_simulation_state,
@@ -108,7 +117,7 @@ class SimulationServices:
             },
         )
         installed = [getattr(srv, name) for name in UNSUPPORTED if hasattr(srv, name)]
-        offer_services(node, dict.fromkeys(installed, _refuse_unsupported))
+        offer_services(services, dict.fromkeys(installed, _refuse_unsupported))
         work_of_action = GoalWork(SimulateSteps, "~/simulate_steps", self._simulate_steps, _explain)
         self._steps = GoalServer(node, work_of_action)
 

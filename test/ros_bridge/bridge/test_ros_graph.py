@@ -9,9 +9,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
-from ros_peer import Stage, User, nanoseconds, stamped
-from served_simulator import FLAT_WORLD
-from simulation_interfaces.srv import GetEntitiesStates, GetEntityState
+from rclpy.task import Future
+from ros_peer import Stage, User, nanoseconds, stamped, wait_until_known
+from served_simulator import FLAT_WORLD, Server
+from simulation_interfaces.msg import Result
+from simulation_interfaces.srv import GetEntities, GetEntitiesStates, GetEntityState
 from std_msgs.msg import Bool, Header
 from tf2_msgs.msg import TFMessage
 
@@ -19,7 +21,14 @@ from oaisys_core.types import Pose
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import SemanticLabels
 from oaisys_msgs.srv import SetPose
-from oaisys_ros_bridge.qos import DEEP_QOS, LATCHED_QOS, MOTION_QOS, TF_QOS
+from oaisys_ros_bridge.qos import (
+    DEEP_QOS,
+    LATCHED_QOS,
+    MAX_WAITING,
+    MOTION_QOS,
+    SERVICE_QOS,
+    TF_QOS,
+)
 
 pytestmark = pytest.mark.ros
 
@@ -28,25 +37,25 @@ TOO_LONG = Pose((0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.02))
 
 
 @pytest.fixture(scope="module")
-def address(shared_stage: Stage) -> str:
-    """Of a simulator with a flat world."""
-    return shared_stage.start_world(FLAT_WORLD).address
+def server(shared_stage: Stage) -> Server:
+    """With a flat world."""
+    return shared_stage.start_world(FLAT_WORLD)
 
 
 @pytest.fixture(scope="module")
-def graph(shared_stage: Stage, address: str) -> User:
+def graph(shared_stage: Stage, server: Server) -> User:
     """A user who hears the motion of a bridge."""
     user = shared_stage.user
     for topic in ("odometry", "ground_truth/odometry"):
         user.listen(Odometry, topic, MOTION_QOS)
     user.listen(TFMessage, "/tf", TF_QOS)
-    shared_stage.start_bridge(address)
+    shared_stage.start_bridge(server.address)
     user.wait_until_ready()
     return user
 
 
 @pytest.fixture(scope="module")
-def simulated(graph: User, shared_stage: Stage, address: str) -> User:
+def simulated(graph: User, shared_stage: Stage, server: Server) -> User:
     """That user, beside a second bridge, of the namespace ``mars``, which is the clock."""
     for topic, kind, qos in (
         ("/diagnostics", DiagnosticArray, DEEP_QOS),
@@ -56,7 +65,7 @@ def simulated(graph: User, shared_stage: Stage, address: str) -> User:
     ):
         graph.listen(kind, topic, qos)
     options = ["-r", "__ns:=/mars", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"]
-    options += ["-p", "publish_clock:=true", "-p", f"address:={address}"]
+    options += ["-p", "publish_clock:=true", "-p", f"address:={server.address}"]
     shared_stage.start_node("bridge", "--ros-args", *options)
     states = graph.received["/mars/oaisys_bridge/ready"]
     graph.wait_until(lambda: states and states[-1].data)
@@ -144,3 +153,48 @@ def test_diagnostics_of_two_bridges_have_different_names(simulated: User) -> Non
     }
     simulated.wait_until(lambda: names() >= expected)
     assert names() == expected
+
+
+def call_at_once(user: User, kind: type[Any], name: str, request: Any, count: int) -> list[Future]:
+    """Call a service of the bridge many times before any answer is taken."""
+    client = user.node.create_client(kind, f"oaisys_bridge/{name}", qos_profile=SERVICE_QOS)
+    user.wait_until(client.service_is_ready)
+    wait_until_known(user.node, "oaisys_bridge", user.wait_until)
+    return [client.call_async(request) for _ in range(count)]
+
+
+def answers_of(user: User, futures: list[Future]) -> list[Any]:
+    user.wait_until(lambda: all(future.done() for future in futures))
+    return [future.result() for future in futures]
+
+
+DEPTH_ALONE = SetPose.Request(pose=stamped(BY_HAND), modalities=["depth"])
+
+
+@pytest.mark.parametrize("count", [12, 40])
+def test_calls_at_once_are_all_answered_in_their_order(graph: User, count: int) -> None:
+    answers = answers_of(graph, call_at_once(graph, SetPose, "set_pose", DEPTH_ALONE, count))
+
+    assert all(answer.success for answer in answers)
+    ids = [answer.sample_id for answer in answers]
+    assert ids == list(range(ids[0], ids[0] + count))
+
+
+def test_of_too_many_calls_the_last_are_refused_in_words(graph: User, server: Server) -> None:
+    count, allowed = MAX_WAITING + 20, 1 + MAX_WAITING
+    worker = server.worker()
+    worker.suspend()
+    try:
+        views = call_at_once(graph, SetPose, "set_pose", DEPTH_ALONE, count)
+        lists = call_at_once(graph, GetEntities, "get_entities", GetEntities.Request(), count)
+        refused = [answers_of(graph, futures[allowed:]) for futures in (views, lists)]
+    finally:
+        worker.resume()
+
+    told = {answer.message for answer in refused[0]}
+    told |= {answer.result.error_message for answer in refused[1]}
+    assert len(told) == 1
+    assert told.pop().startswith(f"too many requests: {MAX_WAITING} wait for this service")
+    assert all(answer.success for answer in answers_of(graph, views[:allowed]))
+    found = answers_of(graph, lists[:allowed])
+    assert {answer.result.result for answer in found} == {Result.RESULT_OK}

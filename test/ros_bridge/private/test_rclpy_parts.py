@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle.node import TransitionCallbackReturn
 from rclpy.node import Node
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from waiting import wait_until
 
 from oaisys_core.errors import InvalidInputError
@@ -22,9 +23,11 @@ from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private import (
     argument_errors,
     executor_threads,
+    later_answers,
     lifecycle,
     waiting_messages,
 )
+from oaisys_ros_bridge.services import RequestQueue, close_queues
 
 pytestmark = pytest.mark.ros
 
@@ -111,6 +114,55 @@ def test_messages_that_cannot_be_taken_are_left_to_the_executor(
     node.destroy_node()
     (line,) = fallback_lines()
     assert "Messages that wait cannot be used (a subscription's handle has no gone)" in line
+
+
+@pytest.mark.usefixtures("ros")
+def test_requests_wait_in_the_middleware_where_answers_cannot_be_sent_later(
+    monkeypatch: pytest.MonkeyPatch, fallback_lines: Lines
+) -> None:
+    monkeypatch.setattr(later_answers, "SEND", "gone")
+    node = Node("answering")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = threading.current_thread().name
+        return response
+
+    queue = RequestQueue(node)
+    queue.offer(Trigger, "ask", answer)
+    client = node.create_client(Trigger, "ask")
+    wait_until(client.service_is_ready)
+    answers = [client.call_async(Trigger.Request()) for _ in range(3)]
+    for each in answers:
+        executor.spin_until_future_complete(each, timeout_sec=5.0)
+    assert {each.result().message for each in answers} == {threading.current_thread().name}
+    close_queues([queue])
+    executor.shutdown()
+    node.destroy_node()
+    (line,) = fallback_lines()
+    assert "rclpy's services cannot be used (a service has no gone)" in line
+
+
+@pytest.mark.usefixtures("ros")
+def test_a_request_that_fails_ends_its_node() -> None:
+    node = Node("failing")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def fail(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        raise ZeroDivisionError(response)
+
+    queue = RequestQueue(node)
+    queue.offer(Trigger, "ask", fail)
+    client = node.create_client(Trigger, "ask")
+    wait_until(client.service_is_ready)
+    answer = client.call_async(Trigger.Request())
+    with pytest.raises(ZeroDivisionError):
+        executor.spin_until_future_complete(answer, timeout_sec=5.0)
+    close_queues([queue])
+    executor.shutdown()
+    node.destroy_node()
 
 
 def test_without_rclpys_errors_wrong_arguments_are_still_refused(
