@@ -98,6 +98,8 @@ class BuiltWorld:
             stage_extent_m=ground.extent_m if ground else None,
             device=self._backend.device,
             group_counts=batch.world.group_counts if batch else (),
+            rig_pose=self._sensors.rig_pose if batch else None,
+            odometry_drifts=self._sensors.odometry_drifts,
         )
 
     @property

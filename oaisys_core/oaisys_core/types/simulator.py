@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from oaisys_core.types.arrays import FloatArray, ShortRepr
 from oaisys_core.types.cameras import PinholeIntrinsics
+from oaisys_core.types.poses import Pose
 
 
 @dataclass(frozen=True, repr=False)
@@ -88,6 +89,9 @@ class SimulatorInfo:
         worker_restarts: Number of times that a server has replaced a rendering process that died.
         device: Device that renders colour.
         group_counts: The numbers of objects of each group of the current batch.
+        rig_pose: Where the rig is: its start pose until the first sample of a batch; None before
+            the first batch, or where a server does not tell.
+        odometry_drifts: Whether samples have an estimate of the rig's pose that drifts.
     """
 
     backend: str
@@ -105,3 +109,5 @@ class SimulatorInfo:
     lidars: tuple[LidarInfo, ...] = ()
     imus: tuple[ImuInfo, ...] = ()
     group_counts: tuple[GroupCount, ...] = ()
+    rig_pose: Pose | None = None
+    odometry_drifts: bool = False

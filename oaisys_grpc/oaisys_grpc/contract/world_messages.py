@@ -50,6 +50,7 @@ _INFO = RecordConversion(
     pb.GetSimulatorInfoResponse,
     renamed={"stage_extent_m": "stage_extent"},
     stage_extent_m=Conversion(extent_to_proto, extent_from_proto),
+    rig_pose=POSE,
     sensors=each(
         RecordConversion(SensorInfo, pb.Sensor, intrinsics=INTRINSICS, T_base_camera=MATRIX)
     ),

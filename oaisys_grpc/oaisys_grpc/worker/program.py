@@ -94,13 +94,15 @@ class Worker:
     def _world(self, simulation: Simulation, call: int) -> dict[str, Any]:
         """Return the state that another worker would go on from; send the info if it changed."""
         info = simulation.info()
-        lasting = replace(info, batch_id=0, sample_id=0)
+        lasting = replace(info, batch_id=0, sample_id=0, rig_pose=None)
         if self._sent_info is None or _differs(lasting, self._sent_info):
             self._sent_info = lasting
             content = info_to_proto(lasting).SerializeToString()
             self._connection.send({"type": "info", "id": call}, content)
         state = json.dumps(simulation.state())
-        return {"batch_id": info.batch_id, "sample_id": info.sample_id, "state": state}
+        pose = None if info.rig_pose is None else vars(info.rig_pose)
+        ids = {"batch_id": info.batch_id, "sample_id": info.sample_id}
+        return {**ids, "rig_pose": pose, "state": state}
 
 
 def _differs(info: SimulatorInfo, sent: SimulatorInfo) -> bool:

@@ -12,18 +12,21 @@ from oaisys_ros_bridge.bags.finished_bag import FINISHED, FinishedBag, open_fini
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.bags.mcap_records import printable
 from oaisys_ros_bridge.bags.reading import mcap_file
+from oaisys_ros_bridge.bags.serialized_stamps import knows_twist
 
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
-MOTION_TYPES = ("nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu")
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+IMU_TYPE = "sensor_msgs/msg/Imu"
+MOTION_TYPES = (ODOMETRY_TYPE, IMU_TYPE)
 """Types of small messages of which a drive has many between two samples, besides transforms."""
 
 
 def summary_of(path: Path) -> list[str]:
     """Return a line for the bag, one per topic (name, type, messages), and what it has lost.
 
-    Transforms that a bridge repeated are counted apart from those of samples and drives. Only
-    bags of this package's recorder say what they have lost.
+    Transforms and odometry that a bridge repeated are counted apart from those of samples and
+    drives. Only bags of this package's recorder say what they have lost.
 
     Args:
         path: A bag's folder with one ``.mcap`` file in it, or that file.
@@ -87,26 +90,30 @@ def is_moving_tf(topic: str, type_name: str) -> bool:
 
 
 def repeats_of(reader: FinishedBag, summary: Summary) -> Mapping[str, int]:
-    """Return how many messages of each moving TF topic repeat those of the last sample.
+    """Return how many messages of moving TF and odometry tell again, or first, where the rig is.
 
-    A message is a repeat if no ``~/sample_info``, odometry or IMU has its stamp. The result is
-    empty for a bag without samples.
+    A message is a repeat if it belongs to no sample and to no time of a drive: no ``~/sample_info``
+    has its stamp, no IMU, and no odometry that knows its twist. The result is empty for a bag
+    without samples.
     """
     types = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
-    moving = [t for t, name in types.items() if is_moving_tf(t, name)]
-    samples = [topic for topic, name in types.items() if name == SAMPLE_INFO_TYPE]
+    moving = {t for t, name in types.items() if is_moving_tf(t, name)}
+    told = {topic for topic, name in types.items() if name == ODOMETRY_TYPE}
+    samples = {topic for topic, name in types.items() if name == SAMPLE_INFO_TYPE}
     if not samples:
         return {}
-    measured = [t for t, name in types.items() if name in (SAMPLE_INFO_TYPE, *MOTION_TYPES)]
+    measured = {*samples, *(topic for topic, name in types.items() if name == IMU_TYPE)}
     measured_stamps: set[bytes] = set()
     stamps: list[tuple[str, bytes]] = []
-    for _, channel, message in reader.iter_messages(topics=[*moving, *measured]):
+    for _, channel, message in reader.iter_messages(topics=[*moving, *told, *measured]):
         # CDR: 4 bytes of header; a stamp of 8 bytes, or the number of transforms before it.
-        if channel.topic in measured:
+        if channel.topic in moving:
+            stamps.append((channel.topic, message.data[8:16]))
+        elif channel.topic in measured or knows_twist(message.data):
             measured_stamps.add(message.data[4:12])
         else:
-            stamps.append((channel.topic, message.data[8:16]))
-    found = dict.fromkeys(moving, 0)
+            stamps.append((channel.topic, message.data[4:12]))
+    found = dict.fromkeys((*moving, *told), 0)
     for topic, stamp in stamps:
         found[topic] += stamp not in measured_stamps
     return found

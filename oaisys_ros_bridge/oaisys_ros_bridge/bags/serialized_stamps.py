@@ -1,4 +1,4 @@
-"""Reads the stamp of a serialised message without deserialising it."""
+"""Reads the stamp, or what else is needed, of a serialised message without deserialising it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+from oaisys_ros_bridge.motion import UNKNOWN_VARIANCE
+
 StampReader = Callable[[bytes], int]
 """Returns the stamp of a message (CDR with its header) in nanoseconds; 0: there is none."""
 
 HEADER = "std_msgs/Header"
+COVARIANCE_SIZE = 36
+"""Numbers of a covariance; that of the twist ends an odometry message."""
 LITTLE_ENDIAN_BIT = 1
 
 
@@ -29,6 +33,16 @@ def stamp_reader(message_type: type[Any]) -> StampReader | None:
     if not name or _first_field(getattr(import_module(f"{package}.msg"), name)) != HEADER:
         return None
     return lambda data: _stamp_at(data, 8) if _word_at(data, 4) else 0
+
+
+def knows_twist(odometry: bytes) -> bool:
+    """Return whether an odometry message has a twist, as during a drive; see `odometry_to_msg`."""
+    if len(odometry) < 8 * COVARIANCE_SIZE:
+        return False
+    (variance,) = struct.unpack_from(
+        f"{_order(odometry)}d", odometry, len(odometry) - 8 * COVARIANCE_SIZE
+    )
+    return bool(variance != UNKNOWN_VARIANCE)
 
 
 def _first_field(message_type: type[Any]) -> str:

@@ -229,7 +229,8 @@ class RenderQueue:
     def _serve(self, request: ViewRequest, cancellation: Cancellation) -> PublishedSample:
         with self._serving(cancellation) as link:
             self.back_pressure.wait_for_room(cancellation)
-            return self._render(request, link, cancellation)
+            with self._topics.rendering():
+                return self._render(request, link, cancellation)
 
     @contextmanager
     def _serving(self, cancellation: Cancellation) -> Iterator[SimulatorLink]:

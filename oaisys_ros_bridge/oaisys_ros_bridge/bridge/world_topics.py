@@ -12,14 +12,14 @@ from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.timer import Timer
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
-from oaisys_core.errors import InvalidInputError, NotReadyError
+from oaisys_core.errors import NotReadyError
 from oaisys_core.types import DriveInstant, Sample, SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
-from oaisys_ros_bridge.conversions import NS_PER_S, stamp_from_nanoseconds
+from oaisys_ros_bridge.bridge.stamps import Stamps
+from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 from oaisys_ros_bridge.publishing.sample_publisher import (
@@ -27,10 +27,8 @@ from oaisys_ros_bridge.publishing.sample_publisher import (
     SamplePublisher,
     batch_info_msg,
 )
-from oaisys_ros_bridge.qos import CLOCK_QOS, LATCHED_QOS
-
-CLOCK_PERIOD_S = 0.1
-"""Between two repetitions of a simulated time that stands still, for late subscribers."""
+from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.timers import steady_timer
 
 
 class WorldTopics:
@@ -52,6 +50,7 @@ class WorldTopics:
         self._repeater: Timer | None = None
         self._announced: tuple[str, int, int] | None = None
         self._numbers = count(1)
+        self._is_rendering = False
         self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self._configuration = node.create_publisher(String, "~/configuration", LATCHED_QOS)
         self._configured = ""
@@ -70,9 +69,7 @@ class WorldTopics:
             )
             if self._repeater is None and (rate_hz := self._settings()["tf_rate"]):
                 group = MutuallyExclusiveCallbackGroup()
-                self._repeater = self._node.create_timer(
-                    1 / rate_hz, self._repeat_transforms, callback_group=group
-                )
+                self._repeater = steady_timer(self._node, 1 / rate_hz, self._repeat_motion, group)
 
     def update(self, info: SimulatorInfo) -> None:
         """Follow a change of the simulator, if its topics are offered."""
@@ -97,6 +94,24 @@ class WorldTopics:
             self.offer(info)
             header = Header(stamp=self._stamps.between(), frame_id=self._settings()["map_frame"])
             self._batch.publish(batch_info_msg(info, header))
+            if self._samples is not None and info.rig_pose is not None:
+                values = self._settings()
+                drifts = any((values["faults.drift_m"], values["faults.drift_rad"]))
+                self._samples.rig.publish_start(
+                    info.rig_pose, self._stamps.between(), drifts=drifts or info.odometry_drifts
+                )
+
+    @contextmanager
+    def rendering(self) -> Iterator[None]:
+        """Repeat no odometry inside this block, unless a subscriber is new.
+
+        Subscribers that wait for all messages of a sample have room for a few stamps only.
+        """
+        self._is_rendering = True
+        try:
+            yield
+        finally:
+            self._is_rendering = False
 
     def begin(self, outline: SampleOutline) -> Publication:
         """Begin to publish a sample.
@@ -173,20 +188,24 @@ class WorldTopics:
                 self._node.destroy_timer(self._repeater)
             self._samples = self._stamps = self._announced = self._repeater = None
 
-    def _repeat_transforms(self) -> None:
-        """Publish the last transforms again, unless one of our readers is behind.
+    def _repeat_motion(self) -> None:
+        """Publish again where the rig is, unless one of our readers is behind.
 
         The bridge does not wait for repeats, so they could push a sample's transforms out of that
-        reader's queue.
+        reader's queue. While time stands still, new subscribers alone are a reason to repeat.
         """
         if self._back_pressure.readers_are_behind:
             return
         with self._lock:
-            if self._samples is None or self._stamps is None:
+            if self._samples is None or self._stamps is None or self._stamps.is_driving:
                 return
+            rig = self._samples.rig
+            is_new = rig.has_new_subscribers()
             stamp = self._stamps.repeat_stamp()
+            if stamp is None and is_new:
+                stamp = self._stamps.between()
             if stamp is not None:
-                self._samples.rig.repeat(stamp)
+                rig.repeat(stamp, with_odometry=is_new or not self._is_rendering)
 
 
 class DriveTopics:
@@ -228,127 +247,3 @@ class DriveTopics:
     def begin_sample(self, sample: Sample, instant: DriveInstant, stamp: Time) -> Publication:
         """Begin to publish what was rendered at one time, and all else at that time."""
         return self._samples.begin(sample.outline, stamp, instant)
-
-
-class Stamps:
-    """Gives each sample a stamp that is later than all before.
-
-    * By default, time is that of the node's clock: the system's, or with ``use_sim_time`` that of
-      another node's ``/clock``. A sample is stamped when its first message is published. While the
-      clock stands still, stamps increase by a nanosecond.
-    * With ``publish_clock`` this node is the clock. Simulated time starts at 0, increases by
-      ``clock_step_s`` with each sample, stands still in between, and is published on ``/clock``
-      before the first message that carries it. So a run has the same stamps on every machine. Time
-      never goes back, not even at a new batch, until `reset`.
-
-    Args:
-        node: Owner of the clock.
-        settings: Returns the values of ``publish_clock`` (read now) and ``clock_step_s``.
-
-    Raises:
-        InvalidInputError: The node would both be the clock and follow one.
-    """
-
-    def __init__(self, node: Node, settings: Settings) -> None:
-        self._node = node
-        self._settings = settings
-        self._lock = threading.RLock()
-        self._last_ns = self._simulated_ns = 0
-        self._is_driving = False
-        self.simulated = bool(settings()["publish_clock"])
-        if not self.simulated:
-            return
-        if node.get_parameter("use_sim_time").value:
-            expected = "false, as publish_clock makes this node the one that tells the time"
-            raise InvalidInputError("use_sim_time", True, expected)
-        self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS)
-        self._timer = node.create_timer(CLOCK_PERIOD_S, self._publish)
-
-    def now(self) -> Time:
-        """Return the time of a message that belongs to no sample; it may be told several times."""
-        if not self.simulated:
-            now: Time = self._node.get_clock().now().to_msg()
-            return now
-        with self._lock:
-            return stamp_from_nanoseconds(self._last_ns)
-
-    def next(self) -> Time:
-        """Return the stamp of a sample."""
-        if self.simulated:
-            return self.advance(self._settings()["clock_step_s"])
-        return self.between()
-
-    def between(self) -> Time:
-        """Return the stamp of any other message: now, or a nanosecond after the last stamp.
-
-        Simulated time does not increase for it: samples stay at whole steps.
-        """
-        with self._lock:
-            has_own_time = self.simulated or self._is_driving
-            now_ns = 0 if has_own_time else self._node.get_clock().now().nanoseconds
-            self._last_ns = max(now_ns, self._last_ns + 1)
-            return stamp_from_nanoseconds(self._last_ns)
-
-    def repeat_stamp(self) -> Time | None:
-        """Return the stamp of a message that is published again: now.
-
-        None if this node is the clock, during a drive, or if the clock has stood still since the
-        last stamp: a repeat never reuses a stamp, and never takes the one of the next sample.
-        """
-        with self._lock:
-            now_ns = self._node.get_clock().now().nanoseconds
-            if self.simulated or self._is_driving or now_ns <= self._last_ns:
-                return None
-            self._last_ns = now_ns
-            return stamp_from_nanoseconds(now_ns)
-
-    def advance(self, seconds: float) -> Time:
-        """Increase simulated time, publish it, and return it."""
-        with self._lock:
-            return self.set(self._simulated_ns + round(seconds * NS_PER_S))
-
-    def begin_drive(self) -> int:
-        """Return the stamp, in nanoseconds, of the start of a drive, whose times `set` is given.
-
-        With a simulated time it is one step later than the last sample, else now.
-        """
-        step_ns = round(self._settings()["clock_step_s"] * NS_PER_S)
-        with self._lock:
-            now_ns = int(self._node.get_clock().now().nanoseconds)
-            begin_ns = self._simulated_ns + step_ns if self.simulated else now_ns
-            self._is_driving = True
-            return max(begin_ns, self._last_ns + 1)
-
-    def end_drive(self) -> None:
-        """Let stamps be those of the node's clock again, unless this node is the clock."""
-        with self._lock:
-            self._is_driving = False
-
-    def set(self, stamp_ns: int) -> Time:
-        """Set simulated time, publish it if this node is the clock, and return it."""
-        with self._lock:
-            self._last_ns = max(stamp_ns, self._last_ns + 1)
-            self._simulated_ns = stamp_ns
-            stamp = stamp_from_nanoseconds(self._last_ns)
-            self._publish()
-            return stamp
-
-    def reset(self) -> None:
-        """Set simulated time back to 0."""
-        if not self.simulated:
-            return
-        with self._lock:
-            self._last_ns = self._simulated_ns = 0
-        self._publish()
-
-    def close(self) -> None:
-        """Remove the clock from the node."""
-        if self.simulated:
-            self._node.destroy_timer(self._timer)
-            self._node.destroy_publisher(self._clock)
-            self.simulated = False
-
-    def _publish(self) -> None:
-        if self.simulated:
-            with self._lock:
-                self._clock.publish(Clock(clock=stamp_from_nanoseconds(self._last_ns)))

@@ -139,8 +139,9 @@ _FRAMES = (
     ParameterRow(
         "tf_rate",
         10.0,
-        "How often the rig's last transform is repeated on /tf for late subscribers; 0: never. "
-        "Not while simulated time stands still.",
+        "How often the rig's last transform and odometry are repeated for late subscribers; 0: "
+        "never. While simulated time stands still: how often new subscribers are looked for, who "
+        "then get them.",
         unit="Hz",
         least=0.0,
         most=1000.0,

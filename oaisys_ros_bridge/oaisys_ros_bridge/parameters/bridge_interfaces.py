@@ -128,8 +128,8 @@ _RIG = (
         InterfaceKind.PUBLISHED,
         "ground_truth/odometry",
         "nav_msgs/msg/Odometry",
-        "The rig's true pose in the map frame, metres; during drives with its twist, else twist "
-        "unknown (variances of 1e6): it jumps.",
+        "The rig's true pose in the map frame, metres, from its start pose on, repeated as /tf; "
+        "during drives with its twist, else twist unknown (variances of 1e6): it jumps.",
         MOTION,
     ),
     Interface(
@@ -138,7 +138,7 @@ _RIG = (
         "nav_msgs/msg/Odometry",
         "The estimated pose of the rig: in the odom frame, with covariance, if it drifts "
         "(`faults.drift_*`, during drives the configuration's `drive`); else the true pose in the "
-        "map frame. Twist as in ground_truth/odometry.",
+        "map frame. Start pose, repeats and twist as in ground_truth/odometry.",
         MOTION,
     ),
     Interface(
@@ -159,8 +159,8 @@ _RIG = (
         InterfaceKind.PUBLISHED,
         "/tf",
         "tf2_msgs/msg/TFMessage",
-        "map to base_link, or map to odom to base_link, of each sample, and at each time of a "
-        "drive; the last one repeated at `tf_rate`.",
+        "map to base_link, or map to odom to base_link, of the start pose, of each sample, and at "
+        "each time of a drive; the last one repeated at `tf_rate`.",
         MOTION,
     ),
     Interface(

@@ -12,11 +12,11 @@ has the mounts of its cameras.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike
 from std_msgs.msg import Header
@@ -24,7 +24,7 @@ from tf2_msgs.msg import TFMessage
 
 from oaisys_core.geometry import invert, pose_to_matrix
 from oaisys_core.sensing.faults import PoseDrift, drift_covariance, odometry_covariance
-from oaisys_core.types import DriveInstant, Pose, SampleOutline, Twist
+from oaisys_core.types import DriveInstant, FloatArray, Pose, SampleOutline, Twist
 from oaisys_ros_bridge.conversions import nanoseconds, transform_to_msg
 from oaisys_ros_bridge.motion import odometry_to_msg
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
@@ -54,10 +54,23 @@ class RigTopics:
         self._odom_frame = odom_frame
         self.frames = FrameHistory(map_frame, base_frame, odom_frame)
         self._drift = PoseDrift()
-        self._transforms: list[TransformStamped] = []
+        self._newest: _Belief | None = None
+        self._subscribers: dict[str, int] = {}
         self._tf = publishers.offer(TFMessage, "/tf", MOTION_QOS)
         self._truth = publishers.offer(Odometry, "ground_truth/odometry", MOTION_QOS)
         self._odometry = publishers.offer(Odometry, "odometry", MOTION_QOS)
+
+    def publish_start(self, pose: Pose, stamp: Time, *, drifts: bool) -> None:
+        """Publish where the rig is before the first sample of a world.
+
+        Args:
+            pose: Its pose.
+            stamp: Of the messages.
+            drifts: Whether odometry will drift; it has no error yet.
+        """
+        estimate = pose if drifts else None
+        self.publish_transforms(pose, estimate, stamp)
+        self.publish_odometry(pose, estimate, stamp)
 
     def publish(self, outline: SampleOutline, stamp: Time, values: Mapping[str, Any]) -> None:
         """Publish the pose of the rig at a sample, given the values of the bridge's parameters."""
@@ -103,21 +116,13 @@ class RigTopics:
             stamp: When it is there.
             tf_drifts: Whether the transforms lead to the estimate instead of the true pose.
         """
-        in_map, in_odom = self._headers(stamp)
-        T_map_odom, T_map_base = np.eye(4), pose_to_matrix(true)
-        if estimate is None:
-            self._transforms = [transform_to_msg(T_map_base, in_map, self._base_frame)]
-        else:
-            if tf_drifts:
-                T_map_base = pose_to_matrix(estimate)
-            else:
-                T_map_odom = pose_to_matrix(true) @ invert(pose_to_matrix(estimate))
-            self._transforms = [
-                transform_to_msg(T_map_odom, in_map, self._odom_frame),
-                transform_to_msg(pose_to_matrix(estimate), in_odom, self._base_frame),
-            ]
+        before = self._newest
+        covariance = None if before is None or estimate is None else before.covariance
+        belief = self._newest = _Belief(true, estimate, covariance, tf_drifts)
+        T_map_odom, T_odom_base = belief.transforms()
+        T_map_base = T_odom_base if tf_drifts else pose_to_matrix(true)
         self.frames.add(nanoseconds(stamp), T_map_odom, T_map_base)
-        self._publishers.send(self._tf, TFMessage(transforms=self._transforms))
+        self._publishers.send(self._tf, self._transforms_msg(belief, stamp))
 
     def publish_odometry(
         self,
@@ -137,23 +142,80 @@ class RigTopics:
             twist: In ``base_link``, exact; None if it is unknown.
             covariance: (36,) covariance of the estimate; None: exact.
         """
+        tf_drifts = self._newest is not None and self._newest.tf_drifts
+        belief = self._newest = _Belief(true, estimate, covariance, tf_drifts)
+        self._publishers.send(self._truth, self._truth_msg(belief, stamp, twist))
+        if has_subscribers(self._odometry):
+            self._publishers.send(self._odometry, self._odometry_msg(belief, stamp, twist))
+
+    def _transforms_msg(self, belief: _Belief, stamp: Time) -> TFMessage:
         in_map, in_odom = self._headers(stamp)
-        truth = odometry_to_msg(true, in_map, self._base_frame, twist=twist)
-        self._publishers.send(self._truth, truth)
-        if not has_subscribers(self._odometry):
-            return
-        believed, header = (true, in_map) if estimate is None else (estimate, in_odom)
-        message = odometry_to_msg(believed, header, self._base_frame, covariance, twist)
-        self._publishers.send(self._odometry, message)
+        T_map_odom, T_odom_base = belief.transforms()
+        if belief.estimate is None:
+            return TFMessage(transforms=[transform_to_msg(T_odom_base, in_map, self._base_frame)])
+        return TFMessage(
+            transforms=[
+                transform_to_msg(T_map_odom, in_map, self._odom_frame),
+                transform_to_msg(T_odom_base, in_odom, self._base_frame),
+            ]
+        )
+
+    def _truth_msg(self, belief: _Belief, stamp: Time, twist: Twist | None = None) -> Odometry:
+        in_map, _ = self._headers(stamp)
+        return odometry_to_msg(belief.true, in_map, self._base_frame, twist=twist)
+
+    def _odometry_msg(self, belief: _Belief, stamp: Time, twist: Twist | None = None) -> Odometry:
+        in_map, in_odom = self._headers(stamp)
+        believed, header = belief.estimate, in_odom
+        if believed is None:
+            believed, header = belief.true, in_map
+        return odometry_to_msg(believed, header, self._base_frame, belief.covariance, twist)
 
     def _headers(self, stamp: Time) -> tuple[Header, Header]:
         """Return the headers of what is in the world's frame and in that of odometry."""
         in_odom = Header(stamp=stamp, frame_id=self._odom_frame)
         return Header(stamp=stamp, frame_id=self._map_frame), in_odom
 
-    def repeat(self, stamp: Time) -> None:
-        """Publish the last transforms again, if there are any, for late subscribers."""
-        for transform in self._transforms:
-            transform.header.stamp = stamp
-        if self._transforms:
-            self._tf.publish(TFMessage(transforms=self._transforms))
+    def has_new_subscribers(self) -> bool:
+        """Return whether a topic has more subscribers than when this was last called."""
+        publishers = (self._tf, self._truth, self._odometry)
+        counts = {str(p.topic_name): p.get_subscription_count() for p in publishers}
+        before, self._subscribers = self._subscribers, counts
+        return any(count > before.get(topic, 0) for topic, count in counts.items())
+
+    def repeat(self, stamp: Time, *, with_odometry: bool) -> None:
+        """Publish where the rig is again, if that is known, for late subscribers."""
+        belief = self._newest
+        if belief is None:
+            return
+        self._tf.publish(self._transforms_msg(belief, stamp))
+        if with_odometry and has_subscribers(self._truth):
+            self._truth.publish(self._truth_msg(belief, stamp))
+        if with_odometry and has_subscribers(self._odometry):
+            self._odometry.publish(self._odometry_msg(belief, stamp))
+
+
+@dataclass(frozen=True)
+class _Belief:
+    """Where the rig is, and what its odometry believes.
+
+    Attributes:
+        true: Its pose.
+        estimate: That of its odometry; None if it does not drift.
+        covariance: (36,) of the estimate; None: exact.
+        tf_drifts: Whether transforms lead to the estimate instead of the true pose.
+    """
+
+    true: Pose
+    estimate: Pose | None
+    covariance: ArrayLike | None
+    tf_drifts: bool
+
+    def transforms(self) -> tuple[FloatArray, FloatArray]:
+        """Return ``T_map_odom`` and ``T_odom_base``, (4, 4); without an estimate odom is map."""
+        if self.estimate is None:
+            return np.eye(4), pose_to_matrix(self.true)
+        T_odom_base = pose_to_matrix(self.estimate)
+        if self.tf_drifts:
+            return np.eye(4), T_odom_base
+        return pose_to_matrix(self.true) @ invert(T_odom_base), T_odom_base

@@ -83,7 +83,10 @@ class SimulationControl:
     @property
     def rig_pose(self) -> Pose | None:
         """Where the rig is, or will be at the next step; None: unknown."""
-        return self._next_pose or self._render_queue.rig_pose
+        link = self._render_queue.link
+        info = None if link is None else link.state.info
+        told = None if info is None else info.rig_pose
+        return self._next_pose or self._render_queue.rig_pose or told
 
     def info(self) -> SimulatorInfo:
         """Return the simulator's description; `NotReadyError` where there is none."""

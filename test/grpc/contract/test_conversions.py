@@ -82,6 +82,8 @@ INFO = SimulatorInfo(
     2,
     "optix",
     (LidarInfo("roof", T, 0.05, ("instance",)),),
+    rig_pose=POSE,
+    odometry_drifts=True,
 )
 HEIGHTS = HeightQuery(np.array([0.5, np.nan]), np.array([1.0, np.nan]), np.array([-2.0, np.nan]))
 

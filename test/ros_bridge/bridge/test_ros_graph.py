@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from ros_peer import Stage, User, nanoseconds, stamped, wait_until_known
 from served_simulator import FLAT_WORLD, Server
@@ -17,6 +18,7 @@ from simulation_interfaces.srv import GetEntities, GetEntitiesStates, GetEntityS
 from std_msgs.msg import Bool, Header
 from tf2_msgs.msg import TFMessage
 
+from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import SemanticLabels
@@ -27,11 +29,17 @@ from oaisys_ros_bridge.qos import (
     MAX_WAITING,
     MOTION_QOS,
     SERVICE_QOS,
-    TF_QOS,
 )
 
 pytestmark = pytest.mark.ros
 
+START_M = (-3.0, 2.0, 7.0)
+WORLD = {
+    **FLAT_WORLD,
+    "sensors": {**FLAT_WORLD["sensors"], "start_pose": {"position_m": list(START_M)}},
+}
+VOLATILE_QOS = QoSProfile(depth=100)
+"""As planners subscribe to odometry."""
 BY_HAND = Pose((0.0, 0.0, 5.0), (0.0, 0.38, 0.0, 0.93))
 TOO_LONG = Pose((0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.02))
 
@@ -39,16 +47,13 @@ TOO_LONG = Pose((0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.02))
 @pytest.fixture(scope="module")
 def server(shared_stage: Stage) -> Server:
     """With a flat world."""
-    return shared_stage.start_world(FLAT_WORLD)
+    return shared_stage.start_world(WORLD)
 
 
 @pytest.fixture(scope="module")
 def graph(shared_stage: Stage, server: Server) -> User:
     """A user who hears the motion of a bridge."""
     user = shared_stage.user
-    for topic in ("odometry", "ground_truth/odometry"):
-        user.listen(Odometry, topic, MOTION_QOS)
-    user.listen(TFMessage, "/tf", TF_QOS)
     shared_stage.start_bridge(server.address)
     user.wait_until_ready()
     return user
@@ -72,6 +77,58 @@ def simulated(graph: User, shared_stage: Stage, server: Server) -> User:
     return graph
 
 
+def position_m(place: Any) -> tuple[float, float, float]:
+    """Of a pose or a transform."""
+    p = place.position if hasattr(place, "position") else place.translation
+    return (p.x, p.y, p.z)
+
+
+def told_m(user: User, odometry: str, tf: str) -> set[tuple[float, float, float]]:
+    """Where a late reader hears the rig to be, on topics that it reads from now on."""
+    for topic, kind in ((odometry, Odometry), (tf, TFMessage)):
+        user.listen(kind, topic, VOLATILE_QOS)
+    user.wait_until(lambda: user.received[odometry] and user.received[tf])
+    places = [message.pose.pose for message in user.received[odometry]]
+    places += [t.transform for message in user.received[tf] for t in message.transforms]
+    return set(map(position_m, places))
+
+
+def state_m(user: User, bridge: str) -> tuple[float, float, float]:
+    """Where the rig is as an entity."""
+    client = user.client(GetEntityState, f"{bridge}/get_entity_state")
+    answer = user.answer(client.call_async(GetEntityState.Request(entity="base_link")))
+    assert answer.result.result == Result.RESULT_OK, answer.result.error_message
+    return position_m(answer.state.pose)
+
+
+def test_the_rig_is_at_its_start_pose_before_the_first_view(graph: User) -> None:
+    heard = told_m(graph, "ground_truth/odometry", "/tf") | told_m(graph, "odometry", "/tf")
+
+    assert heard == {START_M}
+    assert state_m(graph, "oaisys_bridge") == START_M
+    for message in graph.received["odometry"]:
+        assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
+    # It goes on, as transforms do.
+    before = len(graph.received["odometry"])
+    graph.wait_until(lambda: len(graph.received["odometry"]) > before + 2)
+    stamps = [nanoseconds(message.header.stamp) for message in graph.received["odometry"]]
+    assert stamps == sorted(set(stamps))
+
+
+def test_readers_that_come_between_two_views_hear_where_the_rig_is(simulated: User) -> None:
+    place = pose_looking_down(1.0, 2.0, 6.0)
+    assert call_mars(simulated, SetPose, "set_pose", pose=stamped(place)).success
+    assert simulated.set_pose(place).success
+
+    assert told_m(simulated, "odometry", "/tf") == {place.position_m}
+    # This bridge is the clock, which stands still: it tells new readers.
+    assert told_m(simulated, "/mars/odometry", "/mars/tf") == {place.position_m}
+    heard = simulated.received["/mars/odometry"]
+    newest_ns = max(nanoseconds(message.header.stamp) for message in heard)
+    assert told_m(simulated, "/mars/ground_truth/odometry", "/mars/tf") == {place.position_m}
+    assert max(nanoseconds(message.header.stamp) for message in heard) - newest_ns < 1000
+
+
 def orientations(user: User, stamp: Any) -> list[Any]:
     """Wait for odometry and transform of a stamp and return their orientations."""
 
@@ -91,6 +148,9 @@ def orientations(user: User, stamp: Any) -> list[Any]:
 
 
 def test_quaternions_typed_by_hand_are_normalised_in_every_message(graph: User) -> None:
+    for topic, kind in (("odometry", Odometry), ("/tf", TFMessage)):
+        graph.listen(kind, topic, MOTION_QOS)
+    graph.wait_until_matched(["/odometry", "/tf"])
     answer = graph.set_pose(BY_HAND)
 
     assert answer.success, answer.message
@@ -108,8 +168,8 @@ def test_quaternions_typed_by_hand_are_normalised_in_every_message(graph: User) 
     assert "pose.pose.orientation: received [0.0, 0.0, 0.0, 1.02]" in refused.message
 
 
-SAMPLES = 3
-"""With which the second bridge's time goes on by its ``clock_step_s`` of 0.1 s."""
+SAMPLES, STEP_NS = 3, 10**8
+"""With each sample, the second bridge's time goes on by its ``clock_step_s``."""
 
 
 def call_mars(user: User, kind: type[Any], name: str, **fields: Any) -> Any:
@@ -122,7 +182,7 @@ def test_the_bridges_own_time_is_in_every_header(simulated: User) -> None:
     for _ in range(SAMPLES):
         newest = call_mars(simulated, SetPose, "set_pose", pose=pose)
     newest_ns = nanoseconds(newest.stamp)
-    assert newest_ns == SAMPLES * 10**8
+    assert SAMPLES * STEP_NS <= newest_ns < 100 * STEP_NS
 
     state = call_mars(simulated, GetEntityState, "get_entity_state", entity="base_link").state
     states = call_mars(simulated, GetEntitiesStates, "get_entities_states").states

@@ -12,7 +12,7 @@ from ros_peer import User, nanoseconds
 from rosgraph_msgs.msg import Clock
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.bridge.world_topics import Stamps
+from oaisys_ros_bridge.bridge.stamps import Stamps
 
 pytestmark = pytest.mark.ros
 

@@ -325,6 +325,17 @@ PosePolicy = Literal["reject", "clamp", "allow"]
 """How to handle a pose below the ground or outside the stage."""
 
 
+class StartPoseConfig(Section):
+    """Where the rig is before anything moves it.
+
+    Attributes:
+        position_m, quat_xyzw: Pose in ``map``; by default it looks along x.
+    """
+
+    position_m: Position
+    quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
 class SensorsConfig(Section):
     """The rig and its sensors.
 
@@ -334,6 +345,8 @@ class SensorsConfig(Section):
         lidars: Lidars.
         imus: Inertial measurement units, which measure during timed drives.
         motion: Motion of the rig if no pose is given.
+        start_pose: Pose of the rig before the first sample; None: 10 m above the stage's centre,
+            looking down.
         pose_policy: How to handle a pose below the ground or outside the stage: ``reject`` it,
             ``clamp`` it to the least clearance inside the stage, or ``allow`` it.
         min_clearance_m: Least height of every camera above the topmost surface.
@@ -345,6 +358,7 @@ class SensorsConfig(Section):
     lidars: tuple[LidarConfig, ...] = ()
     imus: tuple[ImuConfig, ...] = ()
     motion: AnyMotion = GivenMotion()
+    start_pose: StartPoseConfig | None = None
     pose_policy: PosePolicy = "reject"
     min_clearance_m: float = Field(default=0.05, ge=0)
     faults: FaultsConfig = FaultsConfig()

@@ -16,7 +16,7 @@ from oaisys_core.config.sections.motion import AnyMotion
 from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.raycast.clearance import HeightLookup, admit_pose
-from oaisys_core.scene import PlacedCamera, PlacedLidar, PoseAtTime
+from oaisys_core.scene import Ground, PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.faults import PoseDrift
 from oaisys_core.trajectory.imu import imu_info
 from oaisys_core.trajectory.sample_poses import Motion, make_motion
@@ -124,7 +124,7 @@ class SensorsModule(Module):
         return kept | {key: value for key, value in found.items() if value}
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Start a batch with the rig above the stage's centre, or at the pose in the metadata."""
+        """Start a batch with the rig at its start pose, or at the pose in the metadata."""
         self.rig_pose = None
         self._use_cameras(self._configured_cameras)
         self._use_faults(self._config.faults)
@@ -141,11 +141,8 @@ class SensorsModule(Module):
         pose = given.get("pose")
         if pose is not None:
             self.rig_pose = geometry.check_pose(pose.position_m, pose.quat_xyzw)
-        elif self.rig_pose is None and world.ground is not None:
-            x0, y0, x1, y1 = world.ground.extent_m
-            x, y = (x0 + x1) / 2, (y0 + y1) / 2
-            z = float(world.ground.height_at([(x, y)])[0]) + START_HEIGHT_M
-            self.rig_pose = geometry.pose_looking_down(x, y, z)
+        elif self.rig_pose is None:
+            self.rig_pose = self._start_pose(world.ground)
         self._place(world)
 
     def move(self, world: World, batch_seed: int, heights: HeightLookup) -> None:
@@ -217,6 +214,18 @@ class SensorsModule(Module):
         """Return the sensors that render exactly these frames; see `sensors_of`."""
         return self._with_past(sensors_of(self._sensors_of_sample(world), frames), last_rig_poses)
 
+    def _start_pose(self, ground: Ground | None) -> Pose | None:
+        """Return where the rig is before anything moves it; None where there is no ground."""
+        start = self._config.start_pose
+        if start is not None:
+            return geometry.check_pose(start.position_m, start.quat_xyzw, "sensors.start_pose")
+        if ground is None:
+            return None
+        x0, y0, x1, y1 = ground.extent_m
+        x, y = (x0 + x1) / 2, (y0 + y1) / 2
+        z = float(ground.height_at([(x, y)])[0]) + START_HEIGHT_M
+        return geometry.pose_looking_down(x, y, z)
+
     def _sensors_of_sample(self, world: World) -> list[PlacedSensor]:
         """Return all sensors, where they are at the world's sample."""
         pose, number = require(self.rig_pose), max(world.sample_id - 1, 0)
@@ -233,6 +242,11 @@ class SensorsModule(Module):
             with_previous_poses(cameras, self._cameras, self.sensors, last_rig_poses),
             with_motion(lidars, self._config.lidars, self.lidars, last_rig_poses),
         )
+
+    @property
+    def odometry_drifts(self) -> bool:
+        """Whether the rig's estimate of its pose drifts with each sample."""
+        return any(self._drift_sigmas)
 
     def odometry(self, batch_id: int, sample_id: int) -> Odometry | None:
         """Return the rig's estimate of its pose at a sample; None without drift."""

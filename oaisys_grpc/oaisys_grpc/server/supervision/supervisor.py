@@ -16,7 +16,9 @@ from oaisys_core.errors import (
     OaisysError,
     WorkerLostError,
 )
+from oaisys_core.types import Pose
 from oaisys_grpc.contract.faults import Fault, error_from_fault
+from oaisys_grpc.contract.metadata import pose_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.options import ServerOptions
 from oaisys_grpc.server.supervision.crashes import Cause, Crashes
@@ -273,6 +275,9 @@ class Supervisor:
             info = pb.GetSimulatorInfoResponse()
             info.CopyFrom(self.info)
             info.batch_id, info.sample_id = head["batch_id"], head["sample_id"]
+            info.ClearField("rig_pose")
+            if head["rig_pose"] is not None:
+                info.rig_pose.CopyFrom(pose_to_proto(Pose(**head["rig_pose"])))
             self._info = info
 
     @staticmethod

@@ -54,6 +54,29 @@ def simulation(backend: AnalyticBackend | None = None, **sensors: Any) -> Simula
     return made
 
 
+def test_the_rig_has_a_start_pose_until_a_sample_moves_it() -> None:
+    assert Simulation(config_from_mapping(WORLD)).info().rig_pose is None
+    above = simulation().info()
+    down = pose_looking_down(0.0, 0.0, 10.0)
+    assert above.rig_pose is not None
+    assert above.rig_pose.position_m == pytest.approx(down.position_m, abs=0.1)
+    assert above.rig_pose.quat_xyzw == down.quat_xyzw
+    assert not above.odometry_drifts
+
+    rounded = {"position_m": [1.0, -2.0, 6.0], "quat_xyzw": [0.0, 0.38, 0.0, 0.93]}
+    made = simulation(start_pose=rounded, faults={"drift_m": 0.1})
+    start = made.info().rig_pose
+    assert start is not None
+    assert start.position_m == (1.0, -2.0, 6.0)
+    assert np.linalg.norm(start.quat_xyzw) == pytest.approx(1.0, abs=1e-12)
+    assert made.info().odometry_drifts
+    assert made.step_sample().rig_pose == start
+    made.step_sample(at(3.0))
+    assert made.info().rig_pose == pose_looking_down(3.0, 0, 9)
+    made.step_batch(seed=4)
+    assert made.info().rig_pose == start
+
+
 def at(x: float, **settings: Any) -> ModuleMetadata:
     return ModuleMetadata(sensor={"pose": pose_looking_down(x, 0, 9), **settings})
 
