@@ -100,6 +100,7 @@ class BuiltWorld:
             group_counts=batch.world.group_counts if batch else (),
             rig_pose=self._sensors.rig_pose if batch else None,
             odometry_drifts=self._sensors.odometry_drifts,
+            georeference=batch.world.georeference if batch else None,
         )
 
     @property

@@ -14,6 +14,7 @@ from oaisys_core.types.drives import (
     ImuReading,
     PlannedTrajectory,
 )
+from oaisys_core.types.georeference import Georeference
 from oaisys_core.types.heights import HeightGrid, HeightQuery
 from oaisys_core.types.meshes import TriangleMesh, merge_meshes
 from oaisys_core.types.metadata import OWN_PARTS, ModuleMetadata, merge
@@ -93,6 +94,7 @@ __all__ = [
     "FloatArray",
     "Frame",
     "FrameName",
+    "Georeference",
     "GroupCount",
     "HeightGrid",
     "HeightQuery",

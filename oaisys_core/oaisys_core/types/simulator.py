@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from oaisys_core.types.arrays import FloatArray, ShortRepr
 from oaisys_core.types.cameras import PinholeIntrinsics
+from oaisys_core.types.georeference import Georeference
 from oaisys_core.types.poses import Pose
 
 
@@ -92,6 +93,8 @@ class SimulatorInfo:
         rig_pose: Where the rig is: its start pose until the first sample of a batch; None before
             the first batch, or where a server does not tell.
         odometry_drifts: Whether samples have an estimate of the rig's pose that drifts.
+        georeference: Where the ground of the current batch lies on its body; None if it is of no
+            place.
     """
 
     backend: str
@@ -111,3 +114,4 @@ class SimulatorInfo:
     group_counts: tuple[GroupCount, ...] = ()
     rig_pose: Pose | None = None
     odometry_drifts: bool = False
+    georeference: Georeference | None = None

@@ -30,7 +30,7 @@ from oaisys_core.scene import (
     WheelTracks,
 )
 from oaisys_core.sensing.render_settings import RenderSettings
-from oaisys_core.types import FloatArray, GroupCount, merge
+from oaisys_core.types import FloatArray, Georeference, GroupCount, merge
 
 Metadata = Mapping[str, Any] | None
 """The part of a step's metadata that a module receives, or None."""
@@ -50,6 +50,7 @@ class World:
         drawn_ground: The ground as the stage module drew it, before materials displace it.
         stage_notes: Facts about the stage: ``hash``, under which it can be reused, and ``holes``
             and ``filled_px`` of a ground from a file.
+        georeference: Where the ground lies on its body; None if it is of no place.
         detail: How ``ground`` is refined near the cameras; None for no refinement.
         near_ground: The ground refined around the current cameras. What modules draw does not
             depend on it.
@@ -66,6 +67,7 @@ class World:
     stage_hash: str = ""
     drawn_ground: Ground | None = None
     stage_notes: dict[str, Any] = field(default_factory=dict)
+    georeference: Georeference | None = None
     detail: Detail | None = None
     near_ground: DetailedGround | None = None
     surroundings: Surroundings = field(default_factory=Surroundings)
@@ -89,7 +91,7 @@ class World:
         """Take over the ground and its material from another world."""
         self.ground, self.stage_hash = other.ground, other.stage_hash
         self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
-        self.detail = other.detail
+        self.georeference, self.detail = other.georeference, other.detail
         self.surroundings, self.far_ground = other.surroundings, other.far_ground
         self.material, self.water = other.material, other.water
         layers = require(other.material).layers

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
+    Georeference,
     GroupCount,
     HeightGrid,
     HeightQuery,
@@ -57,6 +58,7 @@ _INFO = RecordConversion(
     lidars=each(RecordConversion(LidarInfo, pb.Lidar, T_base_lidar=MATRIX)),
     imus=each(RecordConversion(ImuInfo, pb.Imu, T_base_imu=MATRIX)),
     group_counts=each(RecordConversion(GroupCount, pb.GroupCount)),
+    georeference=RecordConversion(Georeference, pb.Georeference),
 )
 info_to_proto, info_from_proto = _INFO.to_proto, _INFO.from_proto
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from oaisys_core.procedural.terrain.elevation.units import height_unit_m
 from oaisys_core.procedural.terrain.elevation.voids import check_for_voids, find_missing
 from oaisys_core.procedural.terrain.holes import fill_holes, number_of_holes
 from oaisys_core.scene import HeightField
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, Georeference
 
 LOG = logging.getLogger(__name__)
 
@@ -33,6 +33,7 @@ class ImportedGround:
         filled_px: Number of pixels in these regions.
         body_radius_m: Equatorial radius of the body that the file is of; None if it does not say.
         posting_m: Distance between the heights in the file, on the ground.
+        georeference: Where ``map`` lies on the body; None if the file does not say.
     """
 
     ground: HeightField
@@ -40,6 +41,7 @@ class ImportedGround:
     filled_px: int
     body_radius_m: float | None = None
     posting_m: float = 0.0
+    georeference: Georeference | None = None
 
 
 def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
@@ -70,7 +72,8 @@ def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
     height_m += offset_m
     if config.position_m[2]:
         height_m += config.position_m[2]
-    height_m, step_m = place_on_ground(height_m, model.transform, reference, config, field)
+    placed = place_on_ground(height_m, model.transform, reference, config, field)
+    height_m, step_m, place = placed
     _check_range(height_m, field)
     rows, cols = height_m.shape
     x_m, y_m, _ = config.position_m
@@ -79,7 +82,11 @@ def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
     body_m = None if reference is None or reference.is_local else float(reference.geod.a)
     intervals = zip(height_m.shape, model.values.shape, strict=True)
     posting_m = step_m * max((grid - 1) / max(file - 1, 1) for grid, file in intervals)
-    return ImportedGround(ground, holes, filled_px, body_m, posting_m)
+    if place is not None:
+        place = replace(
+            place.with_offset(x_m, y_m), height_offset_m=offset_m + config.position_m[2]
+        )
+    return ImportedGround(ground, holes, filled_px, body_m, posting_m, place)
 
 
 def _reference(model: StoredModel, config: DemConfig, field: str) -> Reference | None:

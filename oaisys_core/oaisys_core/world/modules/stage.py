@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -94,11 +93,11 @@ class StageModule(Module):
             InvalidInputError: A file cannot be used.
         """
         config = override(self._config, metadata, self.metadata_part)
-        world.stage_notes = {}
+        world.stage_notes, world.georeference = {}, None
         if config.reuse is not None:
             world.ground = self.record(config.reuse).ground
         else:
-            world.ground = _new_ground(config, rng, world.stage_notes)
+            world.ground = _new_ground(config, rng, world)
         world.stage_hash = content_hash(world.ground)
         world.stage_notes["hash"] = self._hash = world.stage_hash
         world.drawn_ground = world.ground
@@ -157,7 +156,9 @@ def _path(store: Path | None, name: str) -> Path | None:
     return None if store is None else store / f"{name}{SUFFIX}"
 
 
-def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, Any]) -> Ground:
+def _new_ground(config: StageConfig, rng: np.random.Generator, world: World) -> Ground:
+    """Return a ground that is not kept, and write down in the world what is known about it."""
+    notes = world.stage_notes
     if config.mesh is not None:
         mesh = _mesh_ground(config.mesh)
         if any(mesh.local_origin_m):
@@ -168,6 +169,7 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, 
         imported = import_dem(config.dem)
         _check_body(imported, config)
         notes.update(holes=imported.holes, filled_px=imported.filled_px)
+        world.georeference = imported.georeference
         ground, posting_m = imported.ground, imported.posting_m
     else:
         ground = _preset_ground(config, rng)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from math import ceil, cos, radians
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
@@ -14,10 +14,11 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.terrain.elevation.references import (
     LocalScale,
     Reference,
+    georeference_of_pixels,
     measure_scale,
 )
 from oaisys_core.procedural.terrain.elevation.warp import LocalGrid
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, Georeference
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -37,14 +38,28 @@ TURNED_DEG = 1.0
 """Angle between +y and true north from which the log has a warning."""
 
 
+class PlacedHeights(NamedTuple):
+    """Heights on a square grid around the origin of ``map``.
+
+    Attributes:
+        height_m: (rows, cols), row 0 in the south.
+        step_m: Distance between its points.
+        georeference: Where it lies on its body, with heights as they are; None if it is nowhere.
+    """
+
+    height_m: FloatArray
+    step_m: float
+    georeference: Georeference | None
+
+
 def place_on_ground(
     height_m: FloatArray,
     transform: Affine | None,
     reference: Reference | None,
     config: DemConfig,
     field: str,
-) -> tuple[FloatArray, float]:
-    """Return heights on a square grid, row 0 in the south, and the distance between its points.
+) -> PlacedHeights:
+    """Return heights on a square grid around the origin, row 0 in the south.
 
     Args:
         height_m: (rows, cols) heights, as in the file.
@@ -66,7 +81,8 @@ def place_on_ground(
     flip_rows = transform is not None and (transform.e > 0) != turned
     flip_cols = transform is not None and (transform.a < 0) != turned
     pixel_m = stated_m or _own_pixel_m(transform, reference, config, field)
-    return _resample_to_step(_turn(height_m, flip_rows, flip_cols), pixel_m, config, field)
+    turned_m = _turn(height_m, flip_rows, flip_cols)
+    return PlacedHeights(*_resample_to_step(turned_m, pixel_m, config, field), None)
 
 
 def _stated_pixel_m(shape: tuple[int, ...], config: DemConfig) -> tuple[float, float] | None:
@@ -108,7 +124,7 @@ def _turn(height_m: FloatArray, flip_rows: bool, flip_cols: bool) -> FloatArray:
 
 def _place_on_body(
     height_m: FloatArray, transform: Affine, reference: Reference, config: DemConfig, field: str
-) -> tuple[FloatArray, float]:
+) -> PlacedHeights:
     scale = measure_scale(reference, transform, height_m.shape, field)
     flip_rows = (transform.e > 0) != reference.is_turned
     up_deg = (scale.up_deg + (180 if flip_rows else 0) + 180) % 360 - 180
@@ -116,7 +132,10 @@ def _place_on_body(
     if scale.variation <= MAX_VARIATION:
         flip_cols = cos(radians(scale.right_deg - up_deg - 90)) < 0
         turned = _turn(height_m, flip_rows, flip_cols)
-        return _resample_to_step(turned, scale.pixel_m, config, field)
+        signs = (-1 if flip_cols else 1, 1 if flip_rows else -1)
+        steps = (signs[0] / scale.pixel_m[0], signs[1] / scale.pixel_m[1])
+        place = georeference_of_pixels(reference, transform, height_m.shape, steps)
+        return PlacedHeights(*_resample_to_step(turned, scale.pixel_m, config, field), place)
     grid = LocalGrid(reference, transform, height_m.shape, up_deg, field)
     step_m = config.ground_spacing_m or min(scale.pixel_m)
     counts = _grid_points(grid.half_m, step_m, field)
@@ -127,7 +146,7 @@ def _place_on_body(
         100 * scale.variation,
         *(2 * half for half in grid.half_m),
     )
-    return grid.warp(height_m, step_m, counts), step_m
+    return PlacedHeights(grid.warp(height_m, step_m, counts), step_m, grid.georeference)
 
 
 def _tell(reference: Reference, scale: LocalScale, up_deg: float, config: DemConfig) -> None:

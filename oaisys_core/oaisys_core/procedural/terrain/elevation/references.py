@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, Georeference
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -174,6 +174,32 @@ def coordinates(
     x = transform.a * col + transform.b * row + transform.c
     y = transform.d * col + transform.e * row + transform.f
     return x, y
+
+
+def georeference_of_pixels(
+    reference: Reference,
+    transform: Affine,
+    shape: tuple[int, ...],
+    steps: tuple[float, float],
+) -> Georeference:
+    """Return where a grid lies whose pixels are those of an image, its middle at the origin.
+
+    Args:
+        reference: Of the image's x and y.
+        transform: From column and row to x and y.
+        shape: Rows and columns.
+        steps: Columns per metre along +x, and rows per metre along +y.
+    """
+    from affine import Affine
+
+    crs = reference.horizontal
+    if reference.is_to_the_west:
+        t = transform
+        crs, transform = reference.geodetic, Affine(-t.a, -t.b, -t.c, t.d, t.e, t.f)
+    rows, cols = shape
+    pixels = Affine(steps[0], 0.0, cols / 2, 0.0, steps[1], rows / 2)
+    a, b, c, d, e, f, *_ = transform * pixels
+    return Georeference(crs.to_wkt(), (a, b, c, d, e, f), 0.0)
 
 
 def measure_scale(

@@ -9,7 +9,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.terrain.elevation.references import Reference, coordinates
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, Georeference
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -58,6 +58,12 @@ class LocalGrid:
         lon, lat = reference.lon_lat_deg(*middle)
         self._system = _equidistant(reference, float(lon), float(lat))
         self.half_m = self._half_extent_m(rows, cols, field)
+
+    @property
+    def georeference(self) -> Georeference:
+        """Where the grid lies."""
+        right, up = cos(self._up), sin(self._up)
+        return Georeference(self._system.to_wkt(), (right, up, 0.0, -up, right, 0.0), 0.0)
 
     def warp(self, height_m: FloatArray, step_m: float, counts: tuple[int, int]) -> FloatArray:
         """Return heights on (rows, cols) points, row 0 in the south.

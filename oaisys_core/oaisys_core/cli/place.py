@@ -1,0 +1,117 @@
+"""``oaisys place``: where an elevation model lies on its body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from oaisys_core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from pyproj import CRS
+
+    from oaisys_core.config.sections.stage import DemConfig
+
+place_app = typer.Typer(
+    help="Find places of elevation models on their body.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+
+
+@place_app.callback()
+def _place() -> None:
+    """Find places of elevation models on their body."""
+
+
+@place_app.command("info")
+def info(
+    file: Annotated[
+        Path, typer.Argument(help="Elevation model, or a configuration (.yaml) with stage.dem.")
+    ],
+    to_map: Annotated[
+        list[str] | None,
+        typer.Option(help="LON,LAT[,ELEVATION] to show in `map`. Can be repeated."),
+    ] = None,
+    from_map: Annotated[
+        list[str] | None,
+        typer.Option(help="X,Y[,Z] in `map` to show as a place. Can be repeated."),
+    ] = None,
+) -> None:
+    """Print where FILE lies: reference system, origin of `map`, true north, corners.
+
+    Example: oaisys place info alps.tif --to-map 7.6586,45.9763
+    """
+    from oaisys_core.geometry import places
+    from oaisys_core.procedural.terrain.dem import import_dem
+
+    imported = import_dem(_dem(file), "file")
+    place = imported.georeference
+    if place is None:
+        expected = "an elevation model with a reference system, and pixels of its own size"
+        raise InvalidInputError("file", str(file), expected)
+    system = places.system_of(place.wkt)
+    x0, y0, x1, y1 = imported.ground.extent_m
+    ellipsoid = system.get_geod()
+    radius_m = 0.0 if ellipsoid is None else ellipsoid.a
+    _say(f"reference system  {system.name}")
+    _say(f"body              {_body(system)}, equatorial radius {radius_m:.0f} m")
+    _say(f"extent in map     x {x0:.3f} to {x1:.3f} m, y {y0:.3f} to {y1:.3f} m")
+    _say(f"distance of heights in the file  {imported.posting_m:.4g} m")
+    north_deg = places.north_deg(place)
+    _say(f"+y points to      {north_deg:.4f}° from true north, clockwise")
+    named = {
+        "origin of map": (0.0, 0.0, 0.0),
+        "south-west": (x0, y0, 0.0),
+        "south-east": (x1, y0, 0.0),
+        "north-west": (x0, y1, 0.0),
+        "north-east": (x1, y1, 0.0),
+    }
+    for name, point in named.items():
+        _say(f"{name:<17} {_shown(places.lon_lat_height(place, point)[0])}")
+    for text in from_map or ():
+        point_m = _numbers(text, "--from-map", "X,Y or X,Y,Z")
+        _say(f"map {text}  is  {_shown(places.lon_lat_height(place, point_m)[0])}")
+    for text in to_map or ():
+        found = places.points_in_map(place, _numbers(text, "--to-map", "LON,LAT[,ELEVATION]"))[0]
+        _say(f"place {text}  is  {', '.join(f'{each:.4f}' for each in found)} m in map")
+
+
+def _dem(file: Path) -> DemConfig:
+    from oaisys_core.config import load_config
+    from oaisys_core.config.sections.stage import DemConfig
+
+    if file.suffix.lower() not in (".yaml", ".yml"):
+        return DemConfig(file=file)
+    dem = load_config(file).stage.dem
+    if dem is None:
+        raise InvalidInputError("file", str(file), "a configuration with stage.dem")
+    return dem
+
+
+def _numbers(text: str, option: str, expected: str) -> Sequence[float]:
+    try:
+        values = [float(each) for each in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3) or not np.isfinite(values).all():
+        raise InvalidInputError(option, text, expected)
+    return [*values, 0.0][:3]
+
+
+def _body(system: CRS) -> str:
+    name: str = system.ellipsoid.name if system.ellipsoid is not None else "unknown"
+    return name
+
+
+def _shown(place: Sequence[float]) -> str:
+    lon, lat, height_m = place
+    return f"longitude {lon:.9f}°, latitude {lat:.9f}°, elevation {height_m:.3f} m"
+
+
+def _say(text: str) -> None:
+    typer.echo(text)

@@ -1,0 +1,83 @@
+"""Longitude, latitude and elevation of points in ``map``, and back, by PROJ."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray
+from oaisys_core.types.georeference import Georeference
+
+if TYPE_CHECKING:
+    from pyproj import CRS, Transformer
+
+NORTH_STEP_M = 1.0
+"""Length of the step by which the direction of +y is found."""
+
+
+def lon_lat_height(georeference: Georeference, points_m: ArrayLike) -> FloatArray:
+    """Return (N, 3) longitudes and latitudes in degrees, and elevations in metres.
+
+    Longitudes are positive to the east. The datum is that of the ground's reference system, and
+    elevations are those of the elevation model.
+
+    Args:
+        georeference: Of the ground.
+        points_m: (N, 3) in ``map``.
+    """
+    points = np.asarray(points_m, np.float64).reshape(-1, 3)
+    a, b, c, d, e, f = georeference.map_to_system
+    x = a * points[:, 0] + b * points[:, 1] + c
+    y = d * points[:, 0] + e * points[:, 1] + f
+    lon, lat = _transformer(georeference.wkt).transform(x, y)
+    return np.stack((lon, lat, points[:, 2] - georeference.height_offset_m), axis=-1)
+
+
+def points_in_map(georeference: Georeference, places: ArrayLike) -> FloatArray:
+    """Return the (N, 3) points in ``map`` of places as `lon_lat_height` returns them.
+
+    Raises:
+        InvalidInputError: A place is none in the ground's reference system.
+    """
+    given = np.asarray(places, np.float64).reshape(-1, 3)
+    to_system = _transformer(georeference.wkt)
+    x, y = to_system.transform(given[:, 0], given[:, 1], direction="INVERSE")
+    outside = ~(np.isfinite(x) & np.isfinite(y))
+    if outside.any():
+        lon, lat, _ = given[outside][0]
+        expected = "longitude and latitude in the area of the stage's reference system"
+        raise InvalidInputError("place", f"{lon:.9g}, {lat:.9g}", expected)
+    a, b, c, d, e, f = georeference.map_to_system
+    points = np.linalg.solve(np.array(((a, b), (d, e))), np.stack((x - c, y - f)))
+    return np.stack((*points, given[:, 2] + georeference.height_offset_m), axis=-1)
+
+
+def north_deg(georeference: Georeference) -> float:
+    """Return the azimuth of +y at the origin of ``map``: 0 if it points to true north."""
+    start, end = lon_lat_height(georeference, ((0, 0, 0), (0, NORTH_STEP_M, 0)))
+    geod = system_of(georeference.wkt).get_geod()
+    assert geod is not None
+    azimuth_deg, _, _ = geod.inv(*start[:2], *end[:2])
+    return float(azimuth_deg)
+
+
+@lru_cache(maxsize=16)
+def system_of(wkt: str) -> CRS:
+    """Return the reference system of a text."""
+    from pyproj import CRS
+
+    return CRS.from_wkt(wkt)
+
+
+@lru_cache(maxsize=16)
+def _transformer(wkt: str) -> Transformer:
+    from pyproj import Transformer
+
+    system = system_of(wkt)
+    geodetic = system.geodetic_crs
+    assert geodetic is not None
+    return Transformer.from_crs(system, geodetic, always_xy=True)

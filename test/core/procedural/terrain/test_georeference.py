@@ -1,0 +1,140 @@
+"""Places of grounds, against heights that say where they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rasterio
+from affine import Affine
+from pyproj import CRS, Geod, Transformer
+from scipy.ndimage import map_coordinates
+from typer.testing import CliRunner
+
+from oaisys_core.cli.main import app
+from oaisys_core.config import config_from_mapping
+from oaisys_core.config.sections.stage import DemConfig
+from oaisys_core.geometry import places
+from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
+from oaisys_core.simulation import Simulation
+
+MOON = "+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m"
+MARS = "+proj=eqc +lat_ts=0 +lon_0=0 +R=3396190 +units=m"
+FILES: dict[str, tuple[str, Affine]] = {
+    "UTM": ("EPSG:32633", Affine(2.0, 0, 412_000.0, 0, -2.0, 5_322_000.0)),
+    "degrees": ("EPSG:4326", Affine(1e-5, 0, 11.0, 0, -1e-5, 46.5)),
+    "Mercator": ("EPSG:3857", Affine(3.0, 0, 1_250_000.0, 0, -3.0, 6_100_000.0)),
+    "lunar pole": (MOON, Affine(20.0, 0, 90_000.0, 0, -20.0, -60_000.0)),
+    "Mars": (MARS, Affine(18.0, 0, 8_140_000.0, 0, -18.0, 1_080_000.0)),
+    "upwards": ("EPSG:32719", Affine(5.0, 0, 350_000.0, 0, 5.0, 7_300_000.0)),
+}
+SIZE = 101
+
+
+def write(path: Path, crs: str, transform: Affine) -> tuple[float, float]:
+    """A file whose heights are metres to the east of its middle plus twice those to the north.
+
+    Returns the longitude and latitude of the middle.
+    """
+    system = CRS.from_user_input(crs)
+    to_degrees = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
+    columns, rows = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
+    lon, lat = to_degrees.transform(*(transform * (columns, rows)))
+    middle = (float(lon[SIZE // 2, SIZE // 2]), float(lat[SIZE // 2, SIZE // 2]))
+    geod = system.get_geod()
+    assert geod is not None
+    heights = _height(geod, middle, lon, lat)
+    profile: dict[str, Any] = {"driver": "GTiff", "dtype": "float32", "count": 1, "crs": crs}
+    shape = {"width": SIZE, "height": SIZE, "transform": transform}
+    with rasterio.open(path, "w", **profile, **shape) as file:
+        file.write(heights.astype(np.float32), 1)
+    return middle
+
+
+def _height(geod: Geod, middle: tuple[float, float], lon: Any, lat: Any) -> Any:
+    azimuth_deg, _, distance_m = geod.inv(
+        np.full_like(lon, middle[0]), np.full_like(lat, middle[1]), lon, lat
+    )
+    east_m, north_m = (distance_m * turn(np.radians(azimuth_deg)) for turn in (np.sin, np.cos))
+    return 0.1 * east_m + 0.2 * north_m
+
+
+def imported(path: Path, **values: Any) -> ImportedGround:
+    return import_dem(DemConfig(file=path, **values))
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_places_are_where_the_heights_say(tmp_path: Path, name: str) -> None:
+    """Heights tell east and north of the middle, so each point of the ground tells its place."""
+    crs, transform = FILES[name]
+    middle = write(tmp_path / "a.tif", crs, transform)
+    found = imported(tmp_path / "a.tif", position_m=(30.0, -20.0, 5.0), offset_m=7.0)
+    place = found.georeference
+    assert place is not None
+    geod = CRS.from_user_input(crs).get_geod()
+    assert geod is not None
+    x0, y0, x1, y1 = found.ground.extent_m
+    rng = np.random.default_rng(1)
+    xy_m = rng.uniform((x0, y0), (x1, y1), (1000, 2))
+    column, row = ((xy_m - (x0, y0)) / found.ground.spacing_m).T
+    z_m = map_coordinates(found.ground.elevation_m.astype(np.float64), (row, column), order=1)
+    lon, lat, elevation_m = places.lon_lat_height(place, np.column_stack((xy_m, z_m))).T
+    step_m = found.ground.spacing_m
+    np.testing.assert_allclose(elevation_m, _height(geod, middle, lon, lat), atol=0.02 * step_m)
+    np.testing.assert_allclose(elevation_m, z_m - 12.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_points_come_back_within_a_millimetre(tmp_path: Path, name: str) -> None:
+    write(tmp_path / "a.tif", *FILES[name])
+    found = imported(tmp_path / "a.tif")
+    place = found.georeference
+    assert place is not None
+    x0, y0, x1, y1 = found.ground.extent_m
+    points_m = np.random.default_rng(2).uniform((x0, y0, -50), (x1, y1, 50), (1000, 3))
+    again_m = places.points_in_map(place, places.lon_lat_height(place, points_m))
+    assert np.abs(again_m - points_m).max() < 1e-3
+
+
+def test_north_of_a_polar_map_is_not_up(tmp_path: Path) -> None:
+    """Towards +y on a map of the south pole with 0° up, east of it by 56.3°."""
+    write(tmp_path / "a.tif", *FILES["lunar pole"])
+    place = imported(tmp_path / "a.tif").georeference
+    assert place is not None
+    x, y = 91_010.0, -61_010.0
+    # North is away from the pole: along (x, y) itself; azimuths are clockwise.
+    expected_deg = np.degrees(np.arctan2(0, 1) - np.arctan2(x, y))
+    found_deg = (places.north_deg(place) - expected_deg + 180) % 360 - 180
+    assert abs(found_deg) < 0.05
+
+
+def test_files_without_a_place_have_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    write(path, *FILES["UTM"])
+    assert imported(path, spacing_m=1.0).georeference is None
+
+
+def test_batches_tell_their_place(tmp_path: Path) -> None:
+    write(tmp_path / "a.tif", *FILES["UTM"])
+    stage = {"dem": {"file": str(tmp_path / "a.tif")}, "surroundings": "plain"}
+    config = config_from_mapping({"backend": "analytic", "stage": stage, "assets": {"rocks": []}})
+    simulation = Simulation(config)
+    simulation.step_batch()
+    place = simulation.info().georeference
+    assert place is not None
+    assert places.system_of(place.wkt).to_epsg() == 32633
+
+
+def test_the_command_says_where_a_model_lies(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    lon, lat = write(path, *FILES["UTM"])
+    said = CliRunner().invoke(
+        app, ["place", "info", str(path), "--to-map", f"{lon},{lat}", "--from-map", "10,20,30"]
+    )
+    assert said.exit_code == 0, said.output
+    assert "WGS 84 / UTM zone 33N" in said.output
+    assert f"{lon},{lat}  is  0.0000, 0.0000" in said.output.replace("-0.0000", "0.0000")
+    wrong = CliRunner().invoke(app, ["place", "info", str(path), "--to-map", "north"])
+    assert wrong.exit_code != 0
