@@ -32,6 +32,7 @@ from tools.bench.settings import Settings
 from tools.bench.topics import quality
 from tools.bench.topics.against import compare, comparison_figures
 from tools.bench.topics.cores import core_figures, seconds_by_amdahl, serial_share
+from tools.bench.topics.draft import draft_figures
 from tools.bench.topics.panel import choose_worlds, panel_figures
 from tools.bench.views import VIEWS, PosedView, by_light
 from tools.bench.worlds import SIX_VIEWS, WORLDS, world_file, world_mapping
@@ -339,3 +340,23 @@ def test_another_checkout_takes_turns_and_renders_the_same(tmp_path: Path) -> No
     assert found["against_stage_dunes_standard_psnr"]["min"] > 50
     assert found["against_all_preview"]["median"] > 0
     assert len(list((out / "panel" / "other").glob("*.png"))) == 4
+
+
+def test_draft_is_judged_over_all_worlds_and_by_the_slowest() -> None:
+    def world(seconds: float, psnr: float) -> dict[str, Any]:
+        times = {"s": [seconds] * 3, "cpu_s": [2 * seconds] * 3}
+        view = {"psnr_db": psnr, "ssim": 0.9, "brightness": 0.98}
+        return {
+            "geometry": times,
+            "draft": times,
+            "small_s": [seconds / 4],
+            "first_s": 1.0,
+            "views": [view] * 3,
+        }
+
+    found = {f.name: f for f in draft_figures({"demo": world(0.2, 30), "dense": world(0.4, 24)})}
+    assert found["draft_slowest_world_s"].median == pytest.approx(0.4)
+    assert found["draft_slowest_world_s"].is_met is False
+    assert found["draft_psnr"].median == pytest.approx(27)
+    assert found["draft_brightness_off"].median == pytest.approx(2)
+    assert found["draft_demo_draft_cpu_s"].median == pytest.approx(0.4)

@@ -21,6 +21,7 @@ from tools.bench.settings import Say, Settings
 from tools.bench.topics import (
     cores,
     dataset,
+    draft,
     growth,
     maps,
     panel,
@@ -43,6 +44,7 @@ class Topic(NamedTuple):
 
 TOPICS = {
     "panel": Topic(panel.run, 5400, 600),
+    "draft": Topic(draft.run, 900, 240),
     "quality": Topic(quality.run, 2400, 400),
     "plain": Topic(rendering.plain, 240, 60),
     "cores": Topic(cores.run, 800, 240),

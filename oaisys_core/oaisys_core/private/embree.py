@@ -14,7 +14,7 @@ import sys
 import weakref
 from collections import deque
 from collections.abc import Sequence
-from ctypes import CDLL, c_char_p, c_int, c_size_t, c_ssize_t, c_uint, c_void_p
+from ctypes import CDLL, PyDLL, c_char_p, c_int, c_size_t, c_ssize_t, c_uint, c_void_p
 from functools import cache
 from itertools import repeat
 from typing import Any
@@ -86,9 +86,12 @@ class Embree:
             RenderError: The library is too old, or was built without triangles.
         """
         self.library = library
+        # Calls of a microsecond must not let another thread take Python's lock each time.
+        self.held = PyDLL(LIBRARY)
         for name, (result, arguments) in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
+            for each in (library, self.held):
+                function = getattr(each, name)
+                function.restype, function.argtypes = result, arguments
         self._device = library.rtcNewDevice(b"")
         version, triangles = (
             library.rtcGetDeviceProperty(self._device, each)
@@ -146,7 +149,7 @@ class Embree:
     def _scene(self, geometries: Sequence[Any], kept: Sequence[Any]) -> EmbreeScene:
         library = self.library
         handle = library.rtcNewScene(self._device)
-        scene = EmbreeScene(library, handle, kept)
+        scene = EmbreeScene(library, self.held, handle, kept)
         library.rtcSetSceneFlags(handle, ROBUST)
         for geometry in geometries:
             library.rtcCommitGeometry(geometry)
@@ -162,10 +165,13 @@ class Embree:
 class EmbreeScene:
     """A scene that rays can be cast at; a scene of its instances keeps it alive."""
 
-    def __init__(self, library: CDLL, handle: Any, kept: Sequence[Any]) -> None:
-        """Own a handle, and keep alive the arrays and scenes that it refers to."""
+    def __init__(self, library: CDLL, held: PyDLL, handle: Any, kept: Sequence[Any]) -> None:
+        """Own a handle, and keep alive the arrays and scenes that it refers to.
+
+        ``held`` is the library, called without releasing Python's lock.
+        """
         self.handle = handle
-        self._library = library
+        self._held = held
         self._kept = kept
         weakref.finalize(self, library.rtcReleaseScene, handle).atexit = False
 
@@ -187,7 +193,7 @@ class EmbreeScene:
         count = len(directions)
         packets = _packets_of(origins, directions, limits, FIELDS)
         ids = packets.view(np.uint32)
-        self._cast(packets, self._library.rtcIntersect8)
+        self._cast(packets, self._held.rtcIntersect8)
         places = (INSTANCE, INSTANCE_PRIMITIVE, PRIMITIVE)
         found = np.stack([ids[:, place].ravel()[:count] for place in places])
         return packets[:, FAR].ravel()[:count], found
@@ -203,7 +209,7 @@ class EmbreeScene:
         """See `TriangleBvh.occludes`; also for a scene of instances."""
         limits = np.full(len(directions), np.inf)
         packets = _packets_of(origins, directions, limits, RAY_FIELDS)
-        self._cast(packets, self._library.rtcOccluded8)
+        self._cast(packets, self._held.rtcOccluded8)
         # Embree sets the length of a ray that hits something to minus infinity.
         return np.asarray(packets[:, FAR].ravel()[: len(directions)] < 0)
 

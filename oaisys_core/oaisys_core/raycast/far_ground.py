@@ -84,7 +84,8 @@ class FarGroundTarget(RayTarget):
         if not len(directions):
             return np.zeros(0, np.bool_)
         ray = directions[0]
-        if not (directions == ray).all():
+        # Parallel rays are given as one.
+        if directions.strides[0]:
             return super().occludes(origins_m, directions)
         if ray[2] > np.hypot(ray[0], ray[1]) * self._steepest(origins_m):
             return np.zeros(len(directions), np.bool_)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -25,6 +28,9 @@ from oaisys_core.raycast.triangles import (
 from oaisys_core.scene import HeightField, PlacedCamera, Scene, id_of_level
 from oaisys_core.system.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
+
+CORES = len(os.sched_getaffinity(0))
+"""Processors that this process may use."""
 
 NO_TARGET = -1
 """Target of a pixel that sees nothing."""
@@ -125,6 +131,7 @@ class Surface:
         self._objects = PlacementTargets(scene)
         self._objects.prepare()
         self._far_ground: FarGroundTarget | None = None
+        self._pool: ThreadPoolExecutor | None = None
         self.update(scene, ground)
 
     @property
@@ -192,7 +199,8 @@ class Surface:
         visible_pixels: list[NDArray[np.bool_] | None] = [None] * len(self._targets)
         if row_poses is None:
             visible_pixels = [target.visible_pixels(camera) for target in self._targets]
-        for rows in bands(*shape):
+
+        def cast(rows: slice) -> None:
             band = view.rows(rows)
             if row_poses is None:
                 R_camera_map, eyes_m = T_map_camera[:3, :3].T, T_map_camera[:3, 3]
@@ -208,7 +216,27 @@ class Surface:
             with np.errstate(invalid="ignore"):
                 np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
                 band.points_m[...] += eyes_m
+
+        self.each_band((shape[0], shape[1]), cast)
         return view
+
+    @contextmanager
+    def in_parallel(self) -> Iterator[None]:
+        """Work on bands of images with all cores until the block ends; the images are the same."""
+        with ThreadPoolExecutor(CORES, "bands") as pool:
+            self._pool = pool
+            try:
+                yield
+            finally:
+                self._pool = None
+
+    def each_band(self, shape: tuple[int, int], work: Callable[[slice], None]) -> None:
+        """Have work done on the rows of each band of an image."""
+        if self._pool is None:
+            for rows in bands(*shape):
+                work(rows)
+        else:
+            list(self._pool.map(work, bands(*shape)))
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, limit_m: float) -> View:
         """Cast rays that may begin anywhere, and return their first hits as a view of one column.
@@ -269,8 +297,10 @@ class Surface:
         of_instance = InstanceTable(scene, of_placements, of_primitives, np.uint16)
         ids = np.empty(view.depth_m.shape, np.uint16)
 
-        for rows in bands(*ids.shape):
+        def label(rows: slice) -> None:
             ids[rows] = self._labels(view.rows(rows), of_instance, level)
+
+        self.each_band((ids.shape[0], ids.shape[1]), label)
         return ids
 
     def _labels(self, view: View, of_instance: InstanceTable, level: int) -> NDArray[np.uint16]:
@@ -304,13 +334,26 @@ class Surface:
                 triangles[seen] = self._targets[index].triangles_of(view.elements[seen, 0])
         return triangles
 
-    def occluded(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """Return (R,) whether (R, 3) rays from (R, 3) origins in ``map`` hit anything."""
-        found = np.zeros(len(directions), np.bool_)
-        rows: NDArray[np.intp] | slice = slice(None)
+    def occluded(self, origins_m: FloatArray, direction: FloatArray) -> NDArray[np.bool_]:
+        """Return (R,) whether parallel rays from (R, 3) origins in ``map`` hit anything.
+
+        ``direction`` is (3,).
+        """
+        found = np.zeros(len(origins_m), np.bool_)
+        left = origins_m
         for target in self._targets:
-            found[rows] = target.occludes(origins_m[rows], directions[rows])
             rows = np.flatnonzero(~found)
+            if len(rows) < len(left):
+                left = origins_m[rows]
+            found[rows] = target.occludes(left, np.broadcast_to(direction, left.shape))
+        return found
+
+    def are_occluded(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """Return (R,) whether rays in (R, 3) directions from (R, 3) origins hit anything."""
+        found = np.zeros(len(origins_m), np.bool_)
+        for target in self._targets:
+            rows = np.flatnonzero(~found)
+            found[rows] = target.occludes(origins_m[rows], directions[rows])
         return found
 
     def is_far_ground(self, view: View) -> NDArray[np.bool_]:

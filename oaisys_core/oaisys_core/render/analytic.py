@@ -90,29 +90,10 @@ class AnalyticBackend(Backend):
         progress: ProgressCallback,
     ) -> Iterator[FrameGroup]:
         """See `Backend.render`."""
-        surface, palette = self._require_built()
-        geometry: list[Frame] = []
-        views: dict[str, View] = {}
+        surface, _ = self._require_built()
         self.exposures = {}
-        for index, camera in enumerate(cameras):
-            progress(Progress("rays", 0.5 * index / len(cameras)))
-            view = surface.view(camera)
-            geometry.extend(frames_of(surface, view, camera, self._memory).values())
-            if RENDERED.intersection(camera.modalities):
-                views[camera.name] = view
-        if geometry:
-            yield FrameGroup.of(geometry)
-        for index, camera in enumerate(cameras):
-            progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
-            if camera.name in views:
-                view = views.pop(camera.name)
-                if settings.quality == DRAFT:
-                    found = draft_frames(self._draft, surface, view, camera, settings, develop)
-                    self.exposures |= found.exposures
-                    frames = found.frames
-                else:
-                    frames = _colors(surface, palette, view, camera, settings, self.exposures)
-                yield FrameGroup.of(frames)
+        with surface.in_parallel():
+            yield from self._groups(cameras, settings, progress)
         self._memory.remember(cameras, surface.scene)
 
     def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
@@ -140,6 +121,37 @@ class AnalyticBackend(Backend):
         self._surface = self._palette = None
         self._memory.forget()
         self._lidars.forget()
+
+    def _groups(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+    ) -> Iterator[FrameGroup]:
+        """Yield the geometry of all cameras, then the colours of each."""
+        surface, palette = self._require_built()
+        geometry: list[Frame] = []
+        views: dict[str, View] = {}
+        for index, camera in enumerate(cameras):
+            progress(Progress("rays", 0.5 * index / len(cameras)))
+            view = surface.view(camera)
+            geometry.extend(frames_of(surface, view, camera, self._memory).values())
+            if RENDERED.intersection(camera.modalities):
+                views[camera.name] = view
+        if geometry:
+            yield FrameGroup.of(geometry)
+        for index, camera in enumerate(cameras):
+            progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
+            if camera.name not in views:
+                continue
+            view = views.pop(camera.name)
+            if settings.quality == DRAFT:
+                found = draft_frames(self._draft, surface, view, camera, settings, develop)
+                self.exposures |= found.exposures
+                yield FrameGroup.of(found.frames)
+            else:
+                frames = _colors(surface, palette, view, camera, settings, self.exposures)
+                yield FrameGroup.of(frames)
 
     def _require_built(self) -> tuple[Surface, Palette]:
         if self._surface is None or self._palette is None:

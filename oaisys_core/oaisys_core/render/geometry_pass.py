@@ -5,7 +5,6 @@ While Cycles renders colour, one core is idle; a thread computes these images th
 
 from __future__ import annotations
 
-import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from oaisys_core import extensions
 from oaisys_core.errors import ConfigError, RenderError, quote
 from oaisys_core.geometry import invert, project, transform_points
+from oaisys_core.raycast.surface import CORES as CORES
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import FrameGroup
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
@@ -40,9 +40,6 @@ from oaisys_core.types import (
 )
 
 T = TypeVar("T")
-
-CORES = len(os.sched_getaffinity(0))
-"""Processors that this process may use."""
 
 
 class GeometryPass(ABC):

@@ -139,12 +139,11 @@ class BlenderBackend(Backend):
             if RENDERED.intersection(camera.modalities) and settings.quality != DRAFT:
                 check_precision(surface, camera)
         self._is_draft = settings.quality == DRAFT
-        if self._is_draft:
-            yield from self._drafts(cameras, settings, progress)
-        elif any(RENDERED.intersection(camera.modalities) for camera in cameras):
+        if self._is_draft or not any(RENDERED.intersection(each.modalities) for each in cameras):
+            with surface.in_parallel():
+                yield from self._drafts(cameras, settings, progress)
+        else:
             yield from self._with_colors(cameras, settings, progress)
-        elif frames := self._geometry(cameras, progress):
-            yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
 
     def scan(self, lidar: PlacedLidar, capture: CaptureId) -> LidarScan:
@@ -231,7 +230,7 @@ class BlenderBackend(Backend):
         settings: RenderSettings,
         progress: ProgressCallback,
     ) -> Iterator[FrameGroup]:
-        """Render colours without Cycles, after the geometry."""
+        """Render the geometry, then colours, if there are any, without Cycles."""
         surface = self._require_built()
         views: dict[str, View] = {}
         if frames := self._geometry(cameras, progress, views):

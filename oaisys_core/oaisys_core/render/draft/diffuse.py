@@ -73,3 +73,18 @@ class RoughDiffuse:
         a, b, c, d = (np.float32(each) for each in ALBEDO)
         turned = rest * (a + rest * (b + rest * (c + rest * d)))
         return np.asarray(self._fade * (1 + self._roughness * turned), np.float32)
+
+
+def bent_share(facing: Floats, smooth_facing: Floats, bend_cos: Floats) -> Floats:
+    """Return the (N,) share of light that reaches facets that a texture bends towards it.
+
+    They would be hidden by others, were they real (M. Chiang, Y. K. Li and B. Burley, "Taming the
+    Shadow Terminator", SIGGRAPH Talks 2019); Cycles does the same.
+
+    Args:
+        facing: (N,) cosines between the light and the bent normals.
+        smooth_facing: (N,) cosines between the light and the surface's own normals.
+        bend_cos: (N,) cosines between both normals.
+    """
+    g = np.clip(smooth_facing / np.maximum(facing * bend_cos, TINY), 0, 1)
+    return np.asarray(g * (1 + g * (1 - g)), np.float32)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from math import pi
 from typing import NamedTuple
 
@@ -11,24 +10,26 @@ import numpy as np
 
 from oaisys_core.procedural.contact_map import stage_ground
 from oaisys_core.procedural.environment.light import sun_color
-from oaisys_core.raycast.surface import Surface, View, bands
+from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
-from oaisys_core.render.draft.diffuse import RoughDiffuse
+from oaisys_core.render.draft.diffuse import RoughDiffuse, bent_share
 from oaisys_core.render.draft.parts import Parts
 from oaisys_core.render.draft.sun_light import SunLight
-from oaisys_core.render.geometry_pass import CORES
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
 from oaisys_core.render.shading.looks import THROUGH_LEAF, pixel_angle_rad
 from oaisys_core.render.shading.shading import in_haze
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PlacedCamera, Scene, Sky
 
-LIFT_M, LIFT_SHARE = 4e-4, 6e-5
+LIFT_M, LIFT_SHARE = 1e-4, 1.5e-5
 """Distance of shadow rays' beginnings from the surface, and its share of that from the eye."""
 
 GRAZING_COS, GRAZING_LIFT = 0.12, 0.08
 """Cosine of the sun's angle to the ground below which they begin higher, and how much at most, as a
 share of the distance between the ground's vertices."""
+
+HIDDEN_LIGHT = 0.5
+"""Radiance of what hides the sky, relative to that of the ground nearby: its side is often dark."""
 
 AROUND_SHARE = 12
 """The light of surfaces nearby is a mean over this part of the picture's width."""
@@ -70,7 +71,8 @@ class DraftRenderer:
             camera: The camera.
         """
         self._parts.take_over(surface)
-        shape = view.depth_m.shape
+        height, width = view.depth_m.shape
+        shape = (height, width)
         look = Appearance(
             np.zeros((*shape, 3), np.float32),
             np.zeros((*shape, 3), np.float32),
@@ -81,25 +83,26 @@ class DraftRenderer:
         pixel_rad = pixel_angle_rad(camera.intrinsics)
         distance_m = _distances_m(view)
         scene = surface.scene
-        with ThreadPoolExecutor(CORES) as pool:
 
-            def look_at(rows: slice) -> None:
-                footprint_m = distance_m[rows] * pixel_rad
-                self._look(surface, view.rows(rows), footprint_m, look, rows)
+        def look_at(rows: slice) -> None:
+            footprint_m = distance_m[rows] * pixel_rad
+            self._look(surface, view.rows(rows), footprint_m, look, rows)
 
-            list(pool.map(look_at, bands(*shape)))
-            sun_share = self._sun_shares(surface, view, look, distance_m)
-            light = sun_share, _around(view, look, sun_share, scene.sky)
+        surface.each_band(shape, look_at)
+        sun_share = self._sun_shares(surface, view, look, distance_m)
+        light = sun_share, _around(view, look, sun_share, scene.sky)
+        image = np.empty((*shape, 3), np.float32)
 
-            def shade(rows: slice) -> Floats:
-                part = Appearance(*(each[rows] for each in look))
-                shares = (each[rows] for each in light)
-                return self._shade(scene, view.rows(rows), part, distance_m[rows], *shares)
+        def shade(rows: slice) -> None:
+            part = Appearance(*(each[rows] for each in look))
+            shares = (each[rows] for each in light)
+            image[rows] = self._shade(scene, view.rows(rows), part, distance_m[rows], *shares)
 
-            image = np.concatenate(list(pool.map(shade, bands(*shape))))
+        surface.each_band(shape, shade)
+        self._mirror(surface, view, distance_m, image)
         border = cv2.BORDER_REFLECT
-        image = cv2.sepFilter2D(image, -1, PIXEL_FILTER, PIXEL_FILTER, borderType=border)
-        return Shaded(np.asarray(image), look.albedo)
+        filtered = cv2.sepFilter2D(image, -1, PIXEL_FILTER, PIXEL_FILTER, borderType=border)
+        return Shaded(np.asarray(filtered), look.albedo)
 
     def _look(
         self, surface: Surface, view: View, footprint_m: Floats, look: Appearance, rows: slice
@@ -140,6 +143,8 @@ class DraftRenderer:
         grazing = np.clip(1 - facing * np.float32(1 / GRAZING_COS), 0, 1)
         spacing_m = stage_ground(surface.scene).spacing_m
         lift_m += view.is_ground * grazing * np.float32(GRAZING_LIFT * spacing_m)
+        # The sun may shine on the other side of leaves.
+        lift_m = np.where((look.through > 0) & (facing < 0), -lift_m, lift_m)
         starts_m = view.points_m + lift_m[..., None] * look.smooth
         return SunLight(sky, surface).share(starts_m, may_see)
 
@@ -166,7 +171,9 @@ class DraftRenderer:
         sun = (sky.lamp_w_m2 * np.array(sun_color(sky))).astype(np.float32)
         to_sun = np.array(sky.to_sun, np.float32)
         facing = normal @ to_sun
-        image = law.radiance(facing, to_eye @ to_sun) * (share[:, None] * sun)
+        smooth = look.smooth.reshape(-1, 3)
+        direct = share * bent_share(facing, smooth @ to_sun, np.einsum("ij,ij->i", normal, smooth))
+        image = law.radiance(facing, to_eye @ to_sun) * (direct[:, None] * sun)
         if not is_hit.all():
             points_m = np.where(is_hit[:, None], points_m, 0.0)
         free = self._parts.visibility.at(points_m)
@@ -190,12 +197,30 @@ class DraftRenderer:
             image[seen] += albedo[seen] * (of_lamps * (1 / pi)).astype(np.float32)
         if sky.haze is not None and len(seen):
             away_m = distance_m.reshape(-1)[seen].astype(np.float64)
-            image[seen] = in_haze(image[seen], away_m, sky.haze, sky)
+            image[seen] = in_haze(image[seen].astype(np.float64), away_m, sky.haze, sky)
         missed = np.flatnonzero(~is_hit)
         if len(missed):
             rays = view.directions.reshape(-1, 3)[missed]
             image[missed] = self._parts.sky.radiance(rays)
         return np.asarray(image.reshape(*shape, 3), np.float32)
+
+    def _mirror(self, surface: Surface, view: View, distance_m: Floats, image: Floats) -> None:
+        """Add, in place, what water mirrors; what is not sky is like the ground on average."""
+        found = self._parts.water.of_view(surface, view, distance_m)
+        if found is None:
+            return
+        sky = surface.scene.sky
+        seen = self._parts.sky.radiance(found.rays.astype(np.float64))
+        lit = sky.lamp_w_m2 * max(sky.to_sun[2], 0.0) * np.array(sun_color(sky))
+        level = (lit + self._parts.sky.irradiance(UP)[0]) * (1 / pi)
+        seen[~found.is_sky] = self._parts.ground.mean_albedo * level
+        share = found.share[:, None]
+        if sky.haze is not None:
+            away_m = distance_m.reshape(-1)[found.pixels].astype(np.float64)
+            veiled = in_haze(seen.astype(np.float64), away_m, sky.haze, sky)
+            seen = veiled.astype(np.float32)
+        flat = image.reshape(-1, 3)
+        flat[found.pixels] += share * (seen - flat[found.pixels])
 
     def _ambient(self, normal: Floats, free: Floats, ground: Floats) -> Floats:
         """Return the (N, 3) irradiance over pi of sky and ground together.
@@ -203,11 +228,11 @@ class DraftRenderer:
         Args:
             normal: (N, 3) of the surfaces.
             free: (N,) share of the sky that they see.
-            ground: (N, 3) radiance of what hides the rest of it.
+            ground: (N, 3) radiance of the ground nearby.
         """
         below = (1 - normal[:, 2]) * np.float32(0.5)
         found = self._parts.sky.irradiance(normal) * (free * np.float32(1 / pi))[:, None]
-        found += (1 - (1 - below) * free)[:, None] * ground
+        found += (below + np.float32(HIDDEN_LIGHT) * (1 - below) * (1 - free))[:, None] * ground
         return np.asarray(found)
 
 

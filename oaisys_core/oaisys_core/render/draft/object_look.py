@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from oaisys_core.color import linear
 from oaisys_core.raycast.surface import InstanceTable, Surface, View
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
+from oaisys_core.render.draft.ground_texture import GroundTexture
 from oaisys_core.render.draft.object_meshes import Instances, ObjectMeshes
 from oaisys_core.render.draft.rock_texture import RockTexture
 from oaisys_core.render.shading.ground_contact import ContactGround
@@ -25,6 +26,10 @@ from oaisys_core.render.shading.looks import (
 )
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import MeshPrototype, Scene
+from oaisys_core.types import FloatArray
+
+BOTTOM_LIGHT = 0.2
+"""Share of light that reaches the bottom of water: in Cycles' pictures, hardly any of the sun's."""
 
 RandomNumbers = Callable[[NDArray[np.uint32]], Floats]
 """Returns the (N,) numbers from 0 to 1 of instances, by which their brightness differs."""
@@ -79,15 +84,16 @@ class ObjectLook:
 
     random_numbers: RandomNumbers = staticmethod(hashed_numbers)
 
-    def __init__(self, scene: Scene, store: LevelStore) -> None:
+    def __init__(self, scene: Scene, store: LevelStore, ground: GroundTexture) -> None:
+        """Take over a scene, whose ground has such a texture."""
         self._store = store
         self._textures: dict[int, RockTexture] = {}
         self._meshes_of: tuple[MeshPrototype, ...] | None = None
-        self.update(scene)
+        self.update(scene, ground)
 
-    def update(self, scene: Scene) -> None:
+    def update(self, scene: Scene, ground: GroundTexture) -> None:
         """Take over a changed scene; what did not change is kept."""
-        self._scene = scene
+        self._scene, self._ground = scene, ground
         if self._meshes_of is not scene.prototypes:
             self._meshes_of = scene.prototypes
             self._meshes = ObjectMeshes(scene.prototypes)
@@ -140,12 +146,17 @@ class ObjectLook:
         """Write, into ``rows``, how points on meshes look."""
         hits = self._hits(surface, view, places[rows], footprint_m[rows])
         color, roughness = hits.color.copy(), look.roughness[rows]
-        normal = hits.normal.copy()
+        normal, through = hits.normal.copy(), hits.through.copy()
         for number in np.unique(hits.prototype).tolist():
             kind = self._scene.prototypes[number]
             at = np.flatnonzero(hits.prototype == number)
             some = hits.take(at)
-            if kind.maps is not None:
+            if kind.water is not None:
+                bottom = self._bottom(view.points_m[at, 0], some)
+                opacity = some.through[:, None]
+                color[at] = opacity * some.color + BOTTOM_LIGHT * (1 - opacity) * bottom
+                through[at] = 0
+            elif kind.maps is not None:
                 color[at], normal[at], roughness[at] = self._rock(kind, some)
             elif kind.translucency is not None:
                 least, range_ = PLANT_BRIGHTNESS
@@ -160,7 +171,7 @@ class ObjectLook:
             color = np.where(np.isnan(own[:, 0]), color, own[:, 0]).astype(np.float32)
         look.albedo[rows], look.normal[rows] = color, normal
         look.smooth[rows] = hits.normal
-        look.roughness[rows], look.through[rows] = roughness, hits.through
+        look.roughness[rows], look.through[rows] = roughness, through
 
     def _hits(
         self,
@@ -194,6 +205,12 @@ class ObjectLook:
             random,
             footprint_m,
         )
+
+    def _bottom(self, points_m: FloatArray, hits: MeshHits) -> Floats:
+        """Return the (N, 3) albedo of the ground below points of water."""
+        low_m = points_m.copy()
+        low_m[:, 2] = self._scene.ground.height_at(points_m[:, :2])
+        return self._ground.at(np.nan_to_num(low_m), hits.normal, hits.footprint_m).albedo
 
     def _rock(self, kind: MeshPrototype, hits: MeshHits) -> tuple[Floats, Floats, Floats]:
         """Return colours, normals and roughness of points on rocks."""

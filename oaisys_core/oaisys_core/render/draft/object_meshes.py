@@ -26,7 +26,7 @@ class MeshPoints(NamedTuple):
         normal: (N, 3) interpolated between the corners, in the objects' frames, of any length.
         face: (N, 3) normals of the triangles, likewise.
         color: (N, 3) linear colours of the vertices; white without any.
-        through: (N,) see `Appearance`.
+        through: (N,) see `Appearance`; of water, the opacity.
     """
 
     normal: Floats
@@ -133,9 +133,10 @@ def _colors(prototype: MeshPrototype) -> Floats:
 
 
 def _through(prototype: MeshPrototype) -> Floats:
-    if prototype.translucency is None:
+    shares = prototype.translucency if prototype.water is None else prototype.water.opacity
+    if shares is None:
         return np.zeros(len(prototype.vertices_m), np.float32)
-    return prototype.translucency.astype(np.float32) * np.float32(1 / 255)
+    return shares.astype(np.float32) * np.float32(1 / 255)
 
 
 class Instances:

@@ -12,6 +12,7 @@ from oaisys_core.render.draft.ground_texture import GroundTexture
 from oaisys_core.render.draft.object_look import ObjectLook
 from oaisys_core.render.draft.sky_light import SkyLight
 from oaisys_core.render.draft.visibility import SkyVisibility
+from oaisys_core.render.draft.water import WaterMirror
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import Scene, Sky
 
@@ -27,12 +28,14 @@ class Parts:
         objects: The objects' look.
         sky: Light of the sky.
         visibility: How much of the sky the ground sees.
+        water: What water mirrors.
     """
 
     ground: GroundTexture
     objects: ObjectLook
     sky: SkyLight
     visibility: SkyVisibility
+    water: WaterMirror
 
     def __init__(self, store: LevelStore) -> None:
         self._store = store
@@ -57,6 +60,7 @@ class Parts:
         self.visibility = self._keep(
             "visibility", (ground, *still, *scene.primitives), lambda: SkyVisibility(surface)
         )
+        self.water = self._keep("water", objects, lambda: WaterMirror(scene))
         self._show_contact(scene)
         self.sky = self._keep("sky", (scene.sky,), lambda: SkyLight(scene.sky))
 
@@ -64,8 +68,8 @@ class Parts:
         """Return the look of the objects; textures and meshes of before are kept."""
         _, before = self._kept.get("objects", ((), None))
         if not isinstance(before, ObjectLook):
-            return ObjectLook(scene, self._store)
-        before.update(scene)
+            return ObjectLook(scene, self._store, self.ground)
+        before.update(scene, self.ground)
         return before
 
     def _show_contact(self, scene: Scene) -> None:

@@ -11,6 +11,7 @@ from oaisys_core.procedural.environment import atmosphere
 from oaisys_core.procedural.environment.light import plain_radiance
 from oaisys_core.render.draft.appearance import Floats
 from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.render.shading.shading import MIN_UP, in_haze
 from oaisys_core.scene.sky import Sky, gradient_radiance, texels_at
 from oaisys_core.types import FloatArray
 
@@ -52,7 +53,15 @@ class SkyLight:
         return np.maximum(_harmonics(normals) @ self._irradiance, 0)
 
     def radiance(self, rays: FloatArray) -> Floats:
-        """Return the (N, 3) radiance of the sky along (N, 3) rays of any length, without haze."""
+        """Return the (N, 3) radiance of the sky along (N, 3) rays of any length, behind haze."""
+        sky, found = self._sky, self._without_haze(rays)
+        if sky.haze is None:
+            return found
+        up = rays[:, 2] / np.linalg.norm(rays, axis=1)
+        away_m = sky.haze.thickness_m / np.maximum(up, MIN_UP)
+        return np.asarray(in_haze(found.astype(np.float64), away_m, sky.haze, sky), np.float32)
+
+    def _without_haze(self, rays: FloatArray) -> Floats:
         sky = self._sky
         if sky.hdri is not None:
             pixels = sky.hdri.image.radiance

@@ -42,8 +42,12 @@ class SunLight:
         """
         share = np.zeros(may_see.shape, np.float32)
         flat_m = starts_m.reshape(-1, 3)
-        rows = np.flatnonzero(may_see)
-        share.reshape(-1)[rows] = ~self._are_shaded(flat_m[rows])
+
+        def cast(rows: slice) -> None:
+            wanted = may_see[rows]
+            share[rows][wanted] = ~self._surface.occluded(starts_m[rows][wanted], self._to_sun)
+
+        self._surface.each_band((share.shape[0], share.shape[1]), cast)
         # Pixels that cannot see the sun are no shadow's edge.
         square = np.ones((3, 3), np.uint8)
         lit, dark = (np.where(may_see, share, np.float32(each)) for each in (1, 0))
@@ -78,12 +82,8 @@ class SunLight:
         """Return the (N,) shares of the disc that (N, 3) points see."""
         seen = np.zeros(len(starts_m), np.float32)
         for ray in self._disc:
-            seen += ~self._surface.occluded(starts_m, np.broadcast_to(ray, starts_m.shape))
+            seen += ~self._surface.occluded(starts_m, ray)
         return np.asarray(seen / np.float32(EDGE_RAYS))
-
-    def _are_shaded(self, starts_m: FloatArray) -> NDArray[np.bool_]:
-        rays = np.broadcast_to(self._to_sun, starts_m.shape)
-        return self._surface.occluded(starts_m, rays)
 
 
 def _disc(to_sun: FloatArray, radius_rad: float) -> FloatArray:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.procedural.terrain.noise import spectral
 from oaisys_core.render.blender.compat import node_tree_of
 from oaisys_core.render.blender.materials.haze import through_haze
 from oaisys_core.render.blender.materials.images import new_image
@@ -20,18 +19,13 @@ from oaisys_core.render.blender.materials.surfaces import (
     show,
 )
 from oaisys_core.render.shading.looks import IOR, WET_DARKENING
+from oaisys_core.render.shading.ripples import (
+    MAX_SLOPE,
+    RIPPLE_TILES_M,
+    RIPPLES_TO_M,
+    ripple_slopes,
+)
 from oaisys_core.scene import MeshPrototype
-from oaisys_core.types import FloatArray
-
-RIPPLES_PX, RIPPLE_TILES_M = 256, (1.7, 7.3)
-"""Size of the image of ripples, and the edges of its tiles: two copies hide the repetition."""
-
-MAX_SLOPE = 0.16
-"""Standard deviation of the slope at the strongest ripples: sqrt(0.003 + 0.00512 v) for a wind of
-v = 4.5 m/s (Cox and Munk 1954)."""
-
-RIPPLES_TO_M = 8.0
-"""Distance from which ripples are fainter, in inverse proportion."""
 
 ROUGHNESS = 0.06
 """Of ripples finer than the image."""
@@ -91,10 +85,7 @@ def _ripples(tree: NodeTree, slope: float) -> Socket:
 @cache
 def _ripple_pixels() -> Any:
     """Return (N, N, 4) slopes along x and y with standard deviation 1."""
-    height = spectral(RIPPLES_PX, 6, np.random.default_rng(0), 2.2)
-    pixels = np.zeros((RIPPLES_PX, RIPPLES_PX, 4), np.float32)
-    for channel, axis in enumerate((1, 0)):
-        change: FloatArray = np.roll(height, -1, axis) - np.roll(height, 1, axis)
-        pixels[..., channel] = change / change.std()
-    pixels[..., 3] = 1.0
+    slopes = ripple_slopes()
+    pixels = np.zeros((*slopes.shape[:2], 4), np.float32)
+    pixels[..., :2], pixels[..., 3] = slopes, 1.0
     return pixels
