@@ -31,11 +31,17 @@ share of the distance between the ground's vertices."""
 HIDDEN_LIGHT = 0.5
 """Radiance of what hides the sky, relative to that of the ground nearby: its side is often dark."""
 
+FREE_OF_LEAVES = 0.75
+"""Share of the sky that leaves leave to each other."""
+
 AROUND_SHARE = 12
 """The light of surfaces nearby is a mean over this part of the picture's width."""
 
 FILTER_SHARE = 0.12
 """Share of its light that a pixel gives to each neighbour, in both directions."""
+
+THIN_FILTER = np.array((0.27, 0.46, 0.27), np.float32)
+"""The same weights where a pixel shows another thing than most pixels around it."""
 
 PIXEL_FILTER = np.array((FILTER_SHARE, 1 - 2 * FILTER_SHARE, FILTER_SHARE), np.float32)
 
@@ -100,9 +106,7 @@ class DraftRenderer:
 
         surface.each_band(shape, shade)
         self._mirror(surface, view, distance_m, image)
-        border = cv2.BORDER_REFLECT
-        filtered = cv2.sepFilter2D(image, -1, PIXEL_FILTER, PIXEL_FILTER, borderType=border)
-        return Shaded(np.asarray(filtered), look.albedo)
+        return Shaded(_filter(image, view), look.albedo)
 
     def _look(
         self, surface: Surface, view: View, footprint_m: Floats, look: Appearance, rows: slice
@@ -177,6 +181,7 @@ class DraftRenderer:
         if not is_hit.all():
             points_m = np.where(is_hit[:, None], points_m, 0.0)
         free = self._parts.visibility.at(points_m)
+        free[through > 0] *= np.float32(FREE_OF_LEAVES)
         level = around.reshape(-1, 1) * sun + self._parts.sky.irradiance(UP)
         ground = level * (self._parts.ground.mean_albedo * np.float32(1 / pi))
         light = self._ambient(normal, free, ground)
@@ -234,6 +239,24 @@ class DraftRenderer:
         found = self._parts.sky.irradiance(normal) * (free * np.float32(1 / pi))[:, None]
         found += (below + np.float32(HIDDEN_LIGHT) * (1 - below) * (1 - free))[:, None] * ground
         return np.asarray(found)
+
+
+def _filter(image: Floats, view: View) -> Floats:
+    """Return an image as a pixel's filter has it, wider where things are thinner than pixels."""
+    border = cv2.BORDER_REFLECT
+    filtered = cv2.sepFilter2D(image, -1, PIXEL_FILTER, PIXEL_FILTER, borderType=border)
+    ids = np.pad(view.instance_ids, 1, mode="edge")
+    height, width = view.instance_ids.shape
+    others = np.zeros((height, width), np.uint8)
+    for row in range(3):
+        for column in range(3):
+            others += ids[row : row + height, column : column + width] != view.instance_ids
+    # Beside a straight edge there are three.
+    is_thin = others > 3
+    if is_thin.any():
+        wide = cv2.sepFilter2D(image, -1, THIN_FILTER, THIN_FILTER, borderType=border)
+        filtered[is_thin] = wide[is_thin]
+    return np.asarray(filtered)
 
 
 def _distances_m(view: View) -> Floats:
