@@ -134,6 +134,14 @@ _RIG = (
     ),
     Interface(
         InterfaceKind.PUBLISHED,
+        "fix",
+        "sensor_msgs/msg/NavSatFix",
+        "True place of the rig at a sample, on a stage from an elevation model that lies on Earth "
+        "(docs/places.md); altitude is the model's elevation.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "odometry",
         "nav_msgs/msg/Odometry",
         "The estimated pose of the rig: in the odom frame, with covariance, if it drifts "

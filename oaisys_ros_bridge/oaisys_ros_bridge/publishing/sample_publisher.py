@@ -39,6 +39,7 @@ from oaisys_ros_bridge.conversions import pose_to_msg
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
+from oaisys_ros_bridge.publishing.place_topics import PlaceTopics
 from oaisys_ros_bridge.publishing.publishers import NodePublishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sensor_topics import (
@@ -88,6 +89,7 @@ class SamplePublisher:
         self.rig = RigTopics(
             self.publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
+        self._place = PlaceTopics(self.publishers, values["base_frame"])
         self._sample_info = self.publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
         self.trajectory = TrajectoryTopics(node, self.publishers, self._map_frame)
         baselines_m = {
@@ -164,6 +166,10 @@ class SamplePublisher:
                 reading.angular_rate_rad_s, reading.specific_force_m_s2, stamp
             )
 
+    def publish_place(self, pose: Pose, stamp: Time) -> None:
+        """Publish where the rig is on Earth, if the ground says where it lies."""
+        self._place.publish(pose, self._info.georeference, stamp)
+
     def announce(self, sample: Sample, stamp: Time, faults: DepthFaults) -> None:
         """Announce that a sample is complete."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
@@ -219,6 +225,7 @@ class Publication:
         self._placed: set[str] = set()
         publisher.publishers.used.clear()
         with self._count_time():
+            publisher.publish_place(outline.rig_pose, stamp)
             if instant is None:
                 publisher.rig.publish(outline, stamp, values)
             else:
