@@ -19,9 +19,13 @@ COLOUR_ONLY = CONFIG.replace("[rgb, depth, semantic_0, instance, normal]", "[rgb
 FISHEYE = CONFIG.replace("fy_px: 54.0", "fy_px: 54.0\n      fisheye: {k1: 0.01}")
 
 
+STILL = re.sub(r"  motion: .*\n", "", CONFIG)
+
+
 @pytest.mark.parametrize(
     ("text", "options", "expected"),
     [
+        (STILL, ["--views", "5"], "sensors.motion.kind: received 'given', expected a motion"),
         (CONFIG, ["--splits", "train=0.5,val=0.4"], "shares whose sum is 1, not 0.9"),
         (CONFIG, ["--splits", "train=1,train=0"], "splits: received 'train=0'"),
         (CONFIG, ["--formats", "coco,webdatset"], "(did you mean webdataset?)"),

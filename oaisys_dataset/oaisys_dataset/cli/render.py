@@ -78,10 +78,12 @@ def render(
     from oaisys_core.config import adjust, load_config
     from oaisys_dataset.places import open_place
     from oaisys_dataset.rendering import DatasetRendering, dataset_info
+    from oaisys_dataset.views import check_views_differ
 
     shares = parse_splits(splits)
     place = open_place(out)
     chosen = adjust(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
+    check_views_differ(chosen, views)
     names = _format_names(formats, chosen)
     settings = RaySettings(address, num_workers, memory_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
