@@ -126,6 +126,10 @@ class NotReadyError(OaisysError):
     """The call is not possible yet, for instance before the first batch."""
 
 
+class WorkerStartingError(NotReadyError):
+    """The simulator answers, but its worker is being started: it is worth waiting for."""
+
+
 class NotFoundError(OaisysError):
     """The named operation, sample or sensor does not exist (any more)."""
 

@@ -18,9 +18,10 @@ from oaisys_core.errors import (
     InvalidInputError,
     NotReadyError,
     OaisysError,
+    WorkerStartingError,
 )
 from oaisys_core.types import ModuleMetadata, Pose
-from oaisys_grpc.contract.errors import error_from_rpc
+from oaisys_grpc.contract.errors import REASON_KEY, error_from_rpc
 from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto
 from oaisys_grpc.contract.transfer import Transfer, transfer_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -98,17 +99,20 @@ class Channel:
         """Ask whether the simulator serves.
 
         Raises:
+            WorkerStartingError: It answers, and its worker is being started.
             NotReadyError: It does not say so within ``timeout_s`` seconds; the message says why.
         """
         request = health_pb2.HealthCheckRequest(service=SERVICE)
         nobody = f"no simulator serves at {self.address}"
         try:
             with translate_errors():
-                answer = self._health.Check(request, timeout=timeout_s)
+                answer, call = self._health.Check.with_call(request, timeout=timeout_s)
         except OaisysError as error:
             raise NotReadyError(f"{nobody}: {error}") from error
         if answer.status != health_pb2.HealthCheckResponse.SERVING:
-            raise NotReadyError(f"{nobody}: no worker is ready")
+            if reason := dict(call.trailing_metadata() or ()).get(REASON_KEY):
+                raise NotReadyError(f"{nobody}: {reason}")
+            raise WorkerStartingError(f"the simulator at {self.address} is starting its worker")
 
     def is_ready(self, timeout_s: float) -> bool:
         """Return whether the simulator says within ``timeout_s`` seconds that it serves."""

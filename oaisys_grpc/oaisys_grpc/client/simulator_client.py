@@ -115,6 +115,7 @@ class SimulatorClient:
         """Ask whether the simulator serves.
 
         Raises:
+            WorkerStartingError: It answers, and its worker is being started.
             NotReadyError: It does not say so within ``timeout_s`` seconds; the message says why.
         """
         self._channel.check_ready(timeout_s)

@@ -37,6 +37,9 @@ from oaisys_grpc.contract.faults import (
     fault_from_error,
 )
 
+REASON_KEY = "oaisys-reason"
+"""Trailing metadata of health's ``Check`` and of GetSimulatorInfo where no worker runs."""
+
 DOMAIN = "oaisys"
 """Domain of the `ErrorInfo` that names an error."""
 

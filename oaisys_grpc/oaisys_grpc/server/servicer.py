@@ -16,7 +16,7 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
 from oaisys_grpc.contract.arrays import array_chunks
 from oaisys_grpc.contract.drive_messages import poses_from_proto
-from oaisys_grpc.contract.errors import printable
+from oaisys_grpc.contract.errors import REASON_KEY, printable
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.contract.sample_messages import SampleMessages
 from oaisys_grpc.contract.shared_memory import AVAILABLE, Probe
@@ -51,8 +51,6 @@ STATUS_PATIENCE_S = 0.02
 MAX_POINTS = 100_000
 """Of one QueryHeight."""
 
-REASON_KEY = "oaisys-reason"
-"""Trailing metadata of health's ``Check`` and of GetSimulatorInfo where no worker runs."""
 
 Context = grpc.ServicerContext
 

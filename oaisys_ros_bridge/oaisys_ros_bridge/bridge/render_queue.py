@@ -237,7 +237,7 @@ class RenderQueue:
         """Lend the simulator to one request."""
         try:
             cancellation.check()
-            link = self._ready_link()
+            link = self._ready_link(cancellation)
             self._current = cancellation  # from here on, `stop` can cancel it
             self._idle.clear()
             try:
@@ -250,17 +250,22 @@ class RenderQueue:
             self.counts.last_failure = str(error)
             raise
 
-    def _ready_link(self) -> SimulatorLink:
+    def _ready_link(self, cancellation: Cancellation) -> SimulatorLink:
         """Return a simulator that can render now; look for it at once if it was lost.
 
+        Waits for a simulator that is starting its worker.
+
         Raises:
-            NotReadyError: There is none.
+            OaisysError: There is none, or the request is cancelled.
         """
         link = self.link
         if self.refusal or link is None:
             raise NotReadyError(self.refusal)
-        if link.state.info is None:
-            link.check()
+        with cancellation.stopping_by(link.wake_waiters):
+            link.wait_for_worker(lambda: bool(cancellation.reason or self.refusal))
+        cancellation.check()
+        if self.refusal:
+            raise NotReadyError(self.refusal)
         if not self.active.is_set() and not (
             link.state.ready and self.active.wait(ACTIVATION_TIMEOUT_S)
         ):

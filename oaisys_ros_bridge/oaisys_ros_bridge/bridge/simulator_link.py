@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike
 
 from oaisys_core.errors import (
     ConfigError,
+    DeadlineExceededError,
     InvalidInputError,
     NotReadyError,
     OaisysError,
     RenderError,
     WorkerLostError,
+    WorkerStartingError,
 )
 from oaisys_core.types import (
     HeightGrid,
@@ -62,11 +64,13 @@ class LinkState:
         info: The server's own description; None while it does not answer.
         reason: Why it is not ready; empty when it is.
         connections: How often the server was found so far.
+        is_starting: Whether it answers, but its worker is being started.
     """
 
     info: SimulatorInfo | None
     reason: str
     connections: int
+    is_starting: bool = False
 
     @property
     def ready(self) -> bool:
@@ -127,6 +131,7 @@ class SimulatorLink:
         self._state = LinkState(None, f"no simulator serves at {address}", 0)
         self._client: SimulatorClient | None = None
         self._lock = threading.RLock()
+        self._changed = threading.Condition()
         self._stopping = threading.Event()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="simulator_link", daemon=True)
@@ -139,6 +144,7 @@ class SimulatorLink:
         """Disconnect; calls under way end with an error."""
         self._stopping.set()
         self._wake.set()
+        self.wake_waiters()
         if self._client is not None:
             self._client.close()
         if self._thread.is_alive():
@@ -161,6 +167,44 @@ class SimulatorLink:
             raise NotReadyError(state.reason)
         return state.info
 
+    def wait_for_worker(self, is_cancelled: Callable[[], bool] = lambda: False) -> None:
+        """Look for a simulator that was lost; while it starts its worker, wait for that.
+
+        Args:
+            is_cancelled: Whether to wait no longer; looked at after `wake_waiters`.
+
+        Raises:
+            OaisysError: Nobody answers, or no worker will be started soon.
+            DeadlineExceededError: The worker was not ready in time.
+        """
+        if self._state.info is not None:
+            return
+        if not self._state.is_starting:
+            with self._lock:
+                try:
+                    self.check()
+                except WorkerStartingError as error:
+                    self._lose(error)
+                else:
+                    return
+
+        def is_over() -> bool:
+            is_starting = self._state.is_starting
+            return not is_starting or self._stopping.is_set() or is_cancelled()
+
+        with self._changed:
+            in_time = self._changed.wait_for(is_over, self._timeout_s)
+        reason = self._state.reason
+        if not in_time:
+            raise DeadlineExceededError(f"{reason}, and was not ready within {self._timeout_s:g} s")
+        if self._state.info is None and not is_cancelled():
+            raise NotReadyError(reason)
+
+    def wake_waiters(self) -> None:
+        """Have `wait_for_worker` look whether it is cancelled."""
+        with self._changed:
+            self._changed.notify_all()
+
     @contextmanager
     def sample_stream(
         self, rig_pose: Pose | None, request: ViewRequest, metadata: ModuleMetadata | None
@@ -178,7 +222,7 @@ class SimulatorLink:
         sensors = [request.sensor] if request.sensor else []
         with (
             self._lock,
-            self._lend_client() as client,
+            self._lend_client(waits=False) as client,
             client.stream_sample(
                 rig_pose, metadata=metadata, modalities=request.modalities, sensors=sensors
             ) as stream,
@@ -202,7 +246,7 @@ class SimulatorLink:
         """
         with self._lock:
             self.check()
-            with self._lend_client() as client:
+            with self._lend_client(waits=False) as client:
                 planned = client.set_trajectory(request.poses, drive=request.changes)
                 with client.drive(
                     planned.name, sensors=request.sensors, metadata=metadata
@@ -213,7 +257,7 @@ class SimulatorLink:
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
     ) -> int:
         """Build a new batch and return its id; it overtakes a sample that is being rendered."""
-        with self._is_building(), self._lend_client() as client:
+        with self._lend_client() as client, self._is_building():
             batch_id = client.step_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
         self.check()
         return batch_id
@@ -264,13 +308,19 @@ class SimulatorLink:
     def end_simulation(self) -> None:
         """End the server's process, after the sample that is being rendered."""
         with self._lock:
-            with self._lend_client() as client:
+            with self._lend_client(waits=False) as client:
                 client.end_simulation()
-            self._lose("the simulation was ended")
+            self._lose(NotReadyError("the simulation was ended"))
 
     @contextmanager
-    def _lend_client(self) -> Iterator[SimulatorClient]:
-        """Lend the client, and learn from the errors of its calls."""
+    def _lend_client(self, *, waits: bool = True) -> Iterator[SimulatorClient]:
+        """Lend the client, and learn from the errors of its calls.
+
+        Args:
+            waits: Whether to wait for a worker that is being started; not with the lock held.
+        """
+        if waits:
+            self.wait_for_worker()
         if self._client is None:
             self.check()
         client = self._client
@@ -296,7 +346,7 @@ class SimulatorLink:
                     self.check()
                     retry_s = FIRST_RETRY_S
                 except OaisysError as error:
-                    self._lose(str(error))
+                    self._lose(error)
                     retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
                 finally:
                     self._lock.release()
@@ -392,15 +442,17 @@ class SimulatorLink:
         found = int(self._state.info is None and info is not None)
         self._change(LinkState(info, reason, self._state.connections + found))
 
-    def _lose(self, reason: str) -> None:
+    def _lose(self, reason: OaisysError) -> None:
         """Drop the client: a new one connects without the back-off of the old channel."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
-        self._change(LinkState(None, reason, self._state.connections))
+        is_starting = isinstance(reason, WorkerStartingError)
+        self._change(LinkState(None, str(reason), self._state.connections, is_starting))
 
     def _change(self, state: LinkState) -> None:
         before, self._state = self._state, state
+        self.wake_waiters()
         if not self._stopping.is_set():
             self.changes.put(LinkChange(before, state))
             self._on_change()

@@ -8,18 +8,26 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_peer import Stage, nanoseconds
+from geometry_msgs.msg import PoseArray
+from ros_peer import Stage, nanoseconds, stamped
 from served_simulator import FLAT_WORLD, free_address
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from waiting import PATIENCE_S, SHUTDOWN_S, within
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.geometry import pose_looking_down
+from oaisys_msgs.action import Sweep
+from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.experiments import status
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.qos import DEEP_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
+
+
+TIMEOUT_S = 8.0
+"""Of a bridge's requests."""
 
 
 def said(diagnostics: DiagnosticArray) -> dict[str, str]:
@@ -64,6 +72,42 @@ def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
     user.wait_until_ready(False)
     assert bridge.end() == 0
     assert "Traceback" not in bridge.log.read_text()
+
+
+def test_a_request_waits_while_the_worker_is_started_again(stage: Stage) -> None:
+    user, pose = stage.user, pose_looking_down(0, 0, 5)
+    user.listen(SampleInfo, "oaisys_bridge/sample_info", DEEP_QOS)
+    server = stage.start_world(FLAT_WORLD)
+    timeout = ("-p", f"timeout_s:={TIMEOUT_S:g}")
+    stage.start_node("bridge", "--ros-args", "-p", f"address:={server.address}", *timeout)
+    user.wait_until_ready()
+    sweep = user.action_client(Sweep, "oaisys_bridge/sweep")
+    poses = PoseArray(header=Header(frame_id="map"), poses=[stamped(pose).pose] * 10_000)
+    goal = user.answer(sweep.send_goal_async(Sweep.Goal(poses=poses)))
+    samples = user.received["oaisys_bridge/sample_info"]
+    user.wait_until(samples.__len__)
+    server.worker().kill()
+    user.wait_until_ready(False)
+
+    answer = user.set_pose(pose)
+
+    assert answer.success, answer.message
+    assert not user.answer(goal.get_result_async()).result.success
+    user.wait_until_ready()
+    first = server.worker()
+    first.kill()
+    user.wait_until(lambda: server.worker().pid != first.pid)
+    worker = server.worker()
+    worker.suspend()
+    user.wait_until_ready(False)
+    asked_s = time.monotonic()
+    answer = user.set_pose(pose)
+    assert not answer.success
+    assert "is starting its worker, and was not ready within 8 s" in answer.message
+    assert time.monotonic() - asked_s >= TIMEOUT_S
+    worker.resume()
+    user.wait_until_ready()
+    assert user.set_pose(pose).success
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
