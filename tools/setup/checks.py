@@ -26,7 +26,7 @@ _TRIAL_SOURCES = {
 
 _MODULES = (
     *("bpy", "cv2", "open3d", "rclpy"),
-    *("oaisys_msgs.srv", "simulation_interfaces.srv", "tf2_msgs.msg"),
+    *("oaisys_msgs.srv", "simulation_interfaces.srv", "tf2_msgs.action", "tf2_msgs.srv"),
     *("grid_map_msgs.msg", "stereo_msgs.msg", "vision_msgs.msg"),
 )
 """Each is imported in its own process, because some of them conflict."""
