@@ -199,13 +199,22 @@ def test_script_sets_the_environment_and_survives_a_read_only_home(tmp_path: Pat
     assert logs.startswith(str(tmp_path))
 
 
-def test_tf_message_is_the_official_one() -> None:
-    """The hash is what a ROS 2 install shows by `ros2 topic info -v /tf`."""
-    definition = json.loads((PREFIX / "share" / "tf2_msgs" / "msg" / "TFMessage.json").read_text())
+TF2_MSGS = {
+    "action/LookupTransform": "0b8adf6bc0b5958879e3265b41a457e03558fe523890a81252c70eba97a82c5d",
+    "msg/TF2Error": "db2485e7d6a0ec75bf087e058ee45df682acc3a621ca7780503d10aac141809a",
+    "msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "srv/FrameGraph": "0d1fbc6222c018ba5f33822904a2fdd4063705289956d3fdde07cd8c50fe8067",
+}
+"""Type hashes, as a ROS 2 install shows that of TFMessage by ``ros2 topic info -v /tf``."""
+
+
+@pytest.mark.parametrize("name", TF2_MSGS)
+def test_what_tf2_ros_imports_is_the_official_one(name: str) -> None:
+    module, kind = name.split("/")
+    assert hasattr(importlib.import_module(f"tf2_msgs.{module}"), kind)
+    definition = json.loads((PREFIX / "share" / "tf2_msgs" / f"{name}.json").read_text())
     hashes = {entry["type_name"]: entry["hash_string"] for entry in definition["type_hashes"]}
-    assert hashes["tf2_msgs/msg/TFMessage"] == (
-        "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
-    )
+    assert hashes[f"tf2_msgs/{name}"] == f"RIHS01_{TF2_MSGS[name]}"
 
 
 PROMISED_INTERFACES = {

@@ -71,7 +71,9 @@ class SurfaceCoverage:
         points = sample_surface(truth.vertices_m, truth.triangles, spacing_m, MAX_POINTS, rng)
         reachable = self._visible(points, poses)
         if not reachable.any():
-            raise InvalidInputError("poses", f"{len(poses)} poses", "poses that see the truth")
+            received = f"{len(poses)} drawn poses, from none of which the camera sees ground"
+            expected = f"ground within {vehicle.max_range_m:g} m of the camera as it is mounted"
+            raise InvalidInputError("poses", received, expected)
         self.reachable: SurfacePoints = points.only(reachable)
         self.reachable_share = float(reachable.mean())
         self.seen = np.zeros(len(self.reachable.points_m), bool)

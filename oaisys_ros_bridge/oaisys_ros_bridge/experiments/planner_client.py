@@ -170,12 +170,15 @@ class PlannerClient(BackgroundNode):
         """Have the mapper write its mesh and return its answer.
 
         Raises:
-            RenderError: It could not.
+            RenderError: It could not, or the map is empty.
             DeadlineExceededError: No answer in time.
         """
         answer = self._call(self._save_mesh, SaveMesh.Request(path=path), timeout_s)
         if not answer.success:
             raise RenderError(f"save_mesh failed: {answer.message}")
+        if not answer.triangles:
+            views = f"no view ({answer.frames} of them) saw ground within the range that is mapped"
+            raise RenderError(f"the map is empty: {views}")
         return answer
 
     def _call(self, client: Any, request: Any, timeout_s: float) -> Any:

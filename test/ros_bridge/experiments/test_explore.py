@@ -116,6 +116,18 @@ def test_views_are_flown_to_on_a_trajectory_topic(world, tmp_path, ros_domain_id
     assert flown["path_m"][1] >= np.linalg.norm(ends[1] - ends[0]) - 1e-6 > 0
 
 
+@pytest.mark.long
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_views_without_ground_are_told_in_words(world, tmp_path, ros_domain_id):
+    options = ("--views", "2", "--size", "64x48", "--no-bag", "--camera-range", "3")
+    result = run(tmp_path / "out", world, ros_domain_id, *options, "--start-height", "8")
+    assert result.returncode == 1, result.stderr
+    assert "sees no ground within 3 m" in result.stdout + result.stderr
+    assert "the map is empty: no view" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
 @pytest.mark.ros
 def test_a_planner_that_does_not_exist_is_refused_before_anything_starts(
     world, tmp_path, ros_domain_id

@@ -191,8 +191,17 @@ def _explore_world(
     def render(pose: Pose, path_m: FloatArray) -> tuple[ReceivedView, DepthFrame]:
         raise_if_interrupted()
         if options.via == "trajectory":
-            return stack.client.view_by_trajectory(poses_along(path_m, pose), VIEW_TIMEOUT_S)
-        return stack.client.view_by_service(pose, VIEW_TIMEOUT_S)
+            poses = poses_along(path_m, pose)
+            view, frame = stack.client.view_by_trajectory(poses, VIEW_TIMEOUT_S)
+        else:
+            view, frame = stack.client.view_by_service(pose, VIEW_TIMEOUT_S)
+        if not coverage and not (frame.depth_m <= options.camera_range_m).any():
+            position_m = ", ".join(f"{value:.1f}" for value in pose.position_m)
+            reporter.say(
+                f"the first view, from ({position_m}), sees no ground within "
+                f"{options.camera_range_m:g} m: see --start-height, --camera-range, and the mount"
+            )
+        return view, frame
 
     def goes_on(found: Exploration) -> bool:
         coverage.append(area.coverage.add(found.poses[-1]))
