@@ -16,6 +16,7 @@ from typing import Any
 
 from oaisys_core.config import SimulationConfig, canonical_json, config_sha256
 from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
+from oaisys_core.files.folders import make_folder
 from oaisys_core.world.config_files import name_faults
 from oaisys_dataset.card.statistics import class_shares
 from oaisys_dataset.engine import DatasetEvent, WorldFinished, render_worlds
@@ -227,7 +228,7 @@ def _lock_place(place: StoragePlace) -> Iterator[None]:
     if place.folder is None:
         yield
         return
-    place.folder.mkdir(parents=True, exist_ok=True)
+    make_folder(place.folder)
     # A link that somebody else has put there is not followed.
     lock = os.open(place.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     with os.fdopen(lock, "w") as file:

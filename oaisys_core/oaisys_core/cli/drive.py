@@ -83,6 +83,7 @@ def drive(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.drive.drive import Drive, drive_section
+    from oaisys_core.files.folders import make_folder
     from oaisys_core.simulation import Simulation
 
     if out is None:
@@ -90,6 +91,7 @@ def drive(
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     drive_section(chosen)
+    make_folder(out)
     unavailable: dict[str, str] = {}
     with own_stdout():
         simulation = Simulation(chosen)

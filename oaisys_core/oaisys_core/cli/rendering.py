@@ -67,6 +67,7 @@ def render(
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjust, load_config
+    from oaisys_core.files.folders import make_folder
     from oaisys_core.files.poses import PoseSelection
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
@@ -84,7 +85,7 @@ def render(
         raise InvalidInputError("output.save_blend", chosen.backend, expected)
     selection = PoseSelection(topic=poses_topic, frame=poses_frame)
     steps = _steps(poses, selection, poses_camera, metadata, output.samples)
-    writer = SampleWriter(output.folder, output.batch_offset)
+    writer = SampleWriter(make_folder(output.folder), output.batch_offset)
     with own_stdout():
         simulation = Simulation(chosen)
         for note in texture_notes(chosen):

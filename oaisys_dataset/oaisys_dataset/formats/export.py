@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from oaisys_core.errors import ConfigError, InvalidInputError, RenderError, one_of
+from oaisys_core.files.folders import make_folder
 from oaisys_core.system.leftovers import remove_when_killed, temporary_folder
 from oaisys_dataset.card.description import README, description_files
 from oaisys_dataset.formats.base import (
@@ -82,9 +83,10 @@ def _write_folder(place: StoragePlace) -> Iterator[Path]:
         return
     # A name that nobody can foresee: the folder may be in a data set of somebody else.
     part = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
+    make_folder(target.parent)
     with remove_when_killed(part):
         try:
-            part.mkdir(parents=True)
+            make_folder(part)
             yield part
             part.replace(target)
         finally:

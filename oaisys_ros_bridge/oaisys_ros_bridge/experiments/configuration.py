@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.files.folders import make_folder
 from oaisys_core.system.owner import owner_variables
 from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_core.types import DEPTH, is_rendered
@@ -85,7 +86,7 @@ def write_config(options: ExperimentOptions) -> Path:
     if result.returncode != 0:
         message = result.stderr.strip().removeprefix("oaisys: ")
         raise ConfigError(message) if result.returncode == 2 else OaisysError(message)
-    options.out.mkdir(parents=True, exist_ok=True)
+    make_folder(options.out)
     path = options.out / CONFIG_FILE
     path.write_text(result.stdout, encoding="utf-8")
     return path

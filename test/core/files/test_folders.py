@@ -1,0 +1,34 @@
+"""Folders for output that cannot be made are refused by the option's name, with exit code 2."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.folders import make_folder
+
+
+def test_a_folder_is_made_with_those_above_it(tmp_path: Path) -> None:
+    assert make_folder(tmp_path / "a" / "b").is_dir()
+    assert make_folder(tmp_path / "a" / "b").is_dir()
+
+
+@pytest.mark.parametrize("name", ["file", "file/below", "/proc/none", "x" * 300])
+def test_names_that_no_folder_can_have_are_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InvalidInputError, match=r"^out: received '.*', expected a folder"):
+        make_folder(tmp_path / name)
+
+
+def test_a_full_disk_is_no_fault_of_the_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def is_full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "mkdir", is_full)
+    with pytest.raises(OSError, match="No space left"):
+        make_folder(tmp_path / "a")
