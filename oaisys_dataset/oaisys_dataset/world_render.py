@@ -154,7 +154,7 @@ class WorldRenderer:
 
     def _of_world(self) -> tuple[float, Mapping[str, Any]]:
         """Return what all views of the current world have in common."""
-        return _s_per_view(self._simulation.world_config), self._simulation.drawn
+        return _s_per_view(self._simulation.world_config), self._simulation.draws
 
     def _encode_frame(
         self, frames: Sequence[Frame], shared: Mapping[str, Any], view: _View

@@ -62,21 +62,21 @@ def test_a_world_that_draws_nothing_has_the_lines_that_it_had(tmp_path: Path) ->
 def test_a_batch_that_fails_leaves_the_world_and_what_it_drew() -> None:
     simulation = Simulation(config_from_mapping({**DRAWN, "sensors": SMALL["sensors"]}))
     simulation.step_batch(seed=1)
-    drawn, seed = dict(simulation.drawn), simulation.batch_seed
+    drawn, seed = dict(simulation.draws), simulation.batch_seed
     unknown = ModuleMetadata(asset={"groups": {"nothing": {"count_factor": 2}}})
     with pytest.raises(InvalidInputError):
         simulation.step_batch(unknown, seed=2)
     with pytest.raises(InvalidInputError):
         simulation.step_batch(ModuleMetadata(custom={"stage": {"preset": "nowhere"}}), seed=2)
-    assert (simulation.drawn, simulation.batch_seed) == (drawn, seed)
+    assert (simulation.draws, simulation.batch_seed) == (drawn, seed)
 
 
 def test_a_kept_stage_keeps_what_was_drawn_for_it() -> None:
     simulation = Simulation(config_from_mapping(DRAWN))
     simulation.step_batch(seed=5)
-    first = dict(simulation.drawn)
+    first = dict(simulation.draws)
     simulation.step_batch(seed=6, reuse_stage=True)
-    second = dict(simulation.drawn)
+    second = dict(simulation.draws)
     assert second["stage.relief_m"] == first["stage.relief_m"]
     assert second["stage.preset"] == first["stage.preset"]
     assert second["environment.sky.glow_deg"] != first["environment.sky.glow_deg"]

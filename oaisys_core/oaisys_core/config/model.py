@@ -163,7 +163,7 @@ class SimulationConfig(Section):
             except ValidationError as error:
                 raise errors_below(error, data, type(self), place) from error
             check_labels(labels, checked.label_names, place, variant.name)
-            complete.append(variant.completed(checked.model_dump()))
+            complete.append(variant.with_all_sections(checked.model_dump()))
         return self.model_copy(update={"variants": tuple(complete)})
 
     @model_serializer(mode="wrap")

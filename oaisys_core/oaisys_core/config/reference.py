@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.config.schema import all_models, described_schema
+from oaisys_core.config.schema import all_models, build_schema
 
 HEAD = """# Configuration
 
@@ -54,7 +54,7 @@ Schema = Mapping[str, Any]
 
 def reference_text() -> str:
     """Return the content of ``docs/configuration.md``."""
-    schema = described_schema()
+    schema = build_schema()
     places = _places(schema)
     sections = [
         _section(schema if name == SimulationConfig.__name__ else schema["$defs"][name], at)

@@ -23,10 +23,10 @@ NONE = re.compile(r"\bNone\b")
 
 def config_schema() -> dict[str, Any]:
     """Return the JSON Schema of configuration files, in which values may be drawn."""
-    return allow_draws(described_schema())
+    return allow_draws(build_schema())
 
 
-def described_schema() -> dict[str, Any]:
+def build_schema() -> dict[str, Any]:
     """Return the JSON Schema of values that are not drawn, with a description of each key."""
     schema = SimulationConfig.model_json_schema(schema_generator=_WithoutTitles)
     definitions = schema["$defs"] | {SimulationConfig.__name__: schema}

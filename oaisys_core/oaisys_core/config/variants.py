@@ -59,7 +59,7 @@ class VariantConfig(Section):
                 set_section(data, name, merge_sections(before, section))
         return data
 
-    def completed(self, checked: Mapping[str, Any]) -> VariantConfig:
+    def with_all_sections(self, checked: Mapping[str, Any]) -> VariantConfig:
         """Return the variant with its sections complete, as they are in checked data."""
         sections = {name: section_of(checked, name) for name in SECTIONS}
         return self.model_copy(update={"file": None, "is_whole": True, **sections})

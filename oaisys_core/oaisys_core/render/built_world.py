@@ -110,7 +110,7 @@ class BuiltWorld:
         return self._modules.config
 
     @property
-    def drawn(self) -> Mapping[str, Any]:
+    def draws(self) -> Mapping[str, Any]:
         """What was drawn of the configuration for the current world, by path."""
         return self._current().drawn
 
