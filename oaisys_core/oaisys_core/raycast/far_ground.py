@@ -68,6 +68,8 @@ class FarGroundTarget(RayTarget):
         """See `RayTarget`; ``directions`` are (R, 3)."""
         found = np.full(len(directions), np.inf)
         elements = np.full(len(directions), NO_ELEMENT, np.int64)
+        if limits is not None and self._end_on_stage(origins_m, directions, limits):
+            return found, elements
         rays = np.flatnonzero(self._may_meet(origins_m, directions, limits))
         if not len(rays):
             return found, elements
@@ -103,6 +105,20 @@ class FarGroundTarget(RayTarget):
     def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
         """Return zeros: it is ground."""
         return np.zeros(elements.shape, np.uint32)
+
+    def _end_on_stage(
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray
+    ) -> bool:
+        """Return whether all rays begin and end within the innermost vertices around the stage."""
+        low, high = self._low_m + self._inset_m, self._high_m - self._inset_m
+        xy = origins_m[..., :2]
+        if not np.isfinite(limits).all() or (xy < low).any() or (xy > high).any():
+            return False
+        for axis in range(2):
+            ends_m = origins_m[..., axis] + directions[:, axis] * limits
+            if ends_m.min() <= low[axis] or ends_m.max() >= high[axis]:
+                return False
+        return True
 
     def _may_meet(
         self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None

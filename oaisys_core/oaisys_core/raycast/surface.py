@@ -67,7 +67,7 @@ class View:
         """Return a view of some rows; that of a slice shares its memory with the whole."""
         return View(**{name: array[rows] for name, array in self._arrays().items()})
 
-    def pixels(self, pixels: NDArray[np.intp]) -> View:
+    def pixels(self, pixels: NDArray[np.intp] | slice) -> View:
         """Return a view of one column of (N,) pixels, which count row by row."""
         return View(
             **{

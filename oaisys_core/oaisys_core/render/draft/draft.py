@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import stage_ground
 from oaisys_core.procedural.environment.light import sun_color
@@ -116,9 +117,11 @@ class DraftRenderer:
             (view.is_ground, self._ground_look),
             (view.instance_ids > 0, self._parts.objects.at),
         ):
-            pixels = np.flatnonzero(is_shown)
-            if not len(pixels):
+            some = np.flatnonzero(is_shown)
+            if not len(some):
                 continue
+            # A slice is not copied.
+            pixels: NDArray[np.intp] | slice = slice(None) if len(some) == is_shown.size else some
             found = find(surface, view.pixels(pixels), footprint_m.reshape(-1)[pixels])
             for into, values in zip(look, found, strict=True):
                 part = into[rows]
