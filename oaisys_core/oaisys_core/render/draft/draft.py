@@ -21,6 +21,7 @@ from oaisys_core.render.shading.looks import THROUGH_LEAF, pixel_angle_rad
 from oaisys_core.render.shading.shading import in_haze
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.types import FloatArray
 
 LIFT_M, LIFT_SHARE = 1e-4, 1.5e-5
 """Distance of shadow rays' beginnings from the surface, and its share of that from the eye."""
@@ -38,7 +39,7 @@ FREE_OF_LEAVES = 0.75
 AROUND_SHARE = 12
 """The light of surfaces nearby is a mean over this part of the picture's width."""
 
-FILTER_SHARE = 0.12
+FILTER_SHARE = 0.1
 """Share of its light that a pixel gives to each neighbour, in both directions."""
 
 THIN_FILTER = np.array((0.27, 0.46, 0.27), np.float32)
@@ -60,6 +61,22 @@ class Shaded(NamedTuple):
 
     radiance: Floats
     albedo: Floats
+
+
+class Nearby(NamedTuple):
+    """Where N points are, and the light there.
+
+    Attributes:
+        points_m: (N, 3) in ``map``.
+        to_eye: (N, 3) unit vectors.
+        sun_share: (N,) of the sun's disc that they see.
+        ground: (N, 3) radiance of the ground nearby.
+    """
+
+    points_m: FloatArray
+    to_eye: Floats
+    sun_share: Floats
+    ground: Floats
 
 
 class DraftRenderer:
@@ -169,48 +186,53 @@ class DraftRenderer:
         ``around`` is the (R, W) share of the sun's light that surfaces nearby get.
         """
         shape, sky = view.depth_m.shape, scene.sky
-        albedo, normal = look.albedo.reshape(-1, 3), look.normal.reshape(-1, 3)
-        through, share = look.through.reshape(-1), sun_share.reshape(-1)
+        flat = Appearance(*(each.reshape(-1, *each.shape[2:]) for each in look))
         points_m, is_hit = view.points_m.reshape(-1, 3), view.is_hit.reshape(-1)
-        to_eye = normalise(-view.directions.reshape(-1, 3).astype(np.float32))
-        view_cos = np.einsum("ij,ij->i", normal, to_eye)
-        law = RoughDiffuse(albedo, look.roughness.reshape(-1), view_cos)
-        sun = (sky.lamp_w_m2 * np.array(sun_color(sky))).astype(np.float32)
-        to_sun = np.array(sky.to_sun, np.float32)
-        facing = normal @ to_sun
-        smooth = look.smooth.reshape(-1, 3)
-        direct = share * bent_share(facing, smooth @ to_sun, np.einsum("ij,ij->i", normal, smooth))
-        image = law.radiance(facing, to_eye @ to_sun) * (direct[:, None] * sun)
         if not is_hit.all():
             points_m = np.where(is_hit[:, None], points_m, 0.0)
-        free = self._parts.visibility.at(points_m)
-        free[through > 0] *= np.float32(FREE_OF_LEAVES)
+        sun = (sky.lamp_w_m2 * np.array(sun_color(sky))).astype(np.float32)
         level = around.reshape(-1, 1) * sun + self._parts.sky.irradiance(UP)
-        ground = level * (self._parts.ground.mean_albedo * np.float32(1 / pi))
-        light = self._ambient(normal, free, ground)
-        image += law.ambient() * light
-        leaves = np.flatnonzero(through)
-        if len(leaves):
-            part = through[leaves, None]
-            behind = np.maximum(-facing[leaves], 0) * share[leaves] * np.float32(1 / pi)
-            behind = behind[:, None] * sun
-            behind += self._ambient(-normal[leaves], free[leaves], ground[leaves])
-            of_leaf = albedo[leaves] * np.array(THROUGH_LEAF, np.float32)
-            image[leaves] += part * (behind * of_leaf - image[leaves])
-        seen = np.flatnonzero(is_hit)
+        nearby = Nearby(
+            points_m,
+            normalise(-view.directions.reshape(-1, 3).astype(np.float32)),
+            sun_share.reshape(-1),
+            level * (self._parts.ground.mean_albedo * np.float32(1 / pi)),
+        )
+        image = self._reflect(scene, flat, nearby, sun)
+        seen, missed = np.flatnonzero(is_hit), np.flatnonzero(~is_hit)
         if scene.lamps and len(seen):
-            of_lamps = lamp_irradiance_w_m2(
-                scene.lamps, points_m[seen], normal[seen].astype(np.float64)
-            )
-            image[seen] += albedo[seen] * (of_lamps * (1 / pi)).astype(np.float32)
+            normals = flat.normal[seen].astype(np.float64)
+            of_lamps = lamp_irradiance_w_m2(scene.lamps, points_m[seen], normals) * (1 / pi)
+            image[seen] += flat.albedo[seen] * of_lamps.astype(np.float32)
         if sky.haze is not None and len(seen):
             away_m = distance_m.reshape(-1)[seen].astype(np.float64)
             image[seen] = in_haze(image[seen].astype(np.float64), away_m, sky.haze, sky)
-        missed = np.flatnonzero(~is_hit)
         if len(missed):
             rays = view.directions.reshape(-1, 3)[missed]
-            image[missed] = self._parts.sky.radiance(rays)
+            image[missed] = self._parts.sky.radiance(rays, with_disc=True)
         return np.asarray(image.reshape(*shape, 3), np.float32)
+
+    def _reflect(self, scene: Scene, look: Appearance, nearby: Nearby, sun: Floats) -> Floats:
+        """Return the (N, 3) radiance of points under sun, sky and the ground nearby."""
+        normal, through = look.normal, look.through
+        view_cos = np.einsum("ij,ij->i", normal, nearby.to_eye)
+        law = RoughDiffuse(look.albedo, look.roughness, view_cos)
+        to_sun = np.array(scene.sky.to_sun, np.float32)
+        facing = normal @ to_sun
+        bend_cos = np.einsum("ij,ij->i", normal, look.smooth)
+        direct = nearby.sun_share * bent_share(facing, look.smooth @ to_sun, bend_cos)
+        image = law.radiance(facing, nearby.to_eye @ to_sun) * (direct[:, None] * sun)
+        free = self._parts.visibility.at(nearby.points_m)
+        free[through > 0] *= np.float32(FREE_OF_LEAVES)
+        image += law.ambient() * self._ambient(normal, free, nearby.ground)
+        leaves = np.flatnonzero(through)
+        if len(leaves):
+            behind = np.maximum(-facing[leaves], 0) * nearby.sun_share[leaves]
+            light = behind[:, None] * (sun * np.float32(1 / pi))
+            light += self._ambient(-normal[leaves], free[leaves], nearby.ground[leaves])
+            light *= look.albedo[leaves] * np.array(THROUGH_LEAF, np.float32)
+            image[leaves] += through[leaves, None] * (light - image[leaves])
+        return image
 
     def _mirror(self, surface: Surface, view: View, distance_m: Floats, image: Floats) -> None:
         """Add, in place, what water mirrors; what is not sky is like the ground on average."""

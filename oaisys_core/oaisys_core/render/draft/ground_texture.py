@@ -7,18 +7,13 @@ What Cycles' shader nodes do for each sample is done here for arrays of points; 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import linear
 from oaisys_core.procedural.contact_map import ContactMap
 from oaisys_core.procedural.terrain.macro_variation import MAX_FACTOR, MIN_FACTOR
 from oaisys_core.procedural.textures.borders import (
-    MAX_HEIGHT,
-    MIN_HEIGHT,
     NEGLIGIBLE,
     LayerBorder,
     borders,
@@ -26,95 +21,38 @@ from oaisys_core.procedural.textures.borders import (
     mix,
 )
 from oaisys_core.procedural.textures.levels import level_at
-from oaisys_core.procedural.textures.normal_maps import FLAT, STEPS
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
+from oaisys_core.render.draft.ground_details import add_contact, darken_wet
 from oaisys_core.render.draft.ground_masks import GroundMasks
+from oaisys_core.render.draft.layer_texture import LayerTexture, Levels, Plane
 from oaisys_core.render.draft.texture_atlas import TextureAtlas, sample
 from oaisys_core.render.shading.looks import (
     ALONG_BEDS,
     BED_CONTRAST,
     BED_SCALE,
-    DARK_FROM,
-    DARKEST,
-    FINES_BRIGHTNESS,
-    FINES_FROM,
-    FINES_ROUGHNESS,
-    MAX_FINES,
     MAX_TURNED_LAYERS,
     SIDE_BLEND,
     STEEP_COS,
-    TRACK_DARKENING,
     VARIATION_TILES,
     VARIATION_TURN_RAD,
-    WET_DARKENING,
     cliff_tiling,
     footprints_m,
     varies,
 )
-from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.render.shading.texture_levels import LevelStore
-from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
+from oaisys_core.scene.terrain_material import PbrMaps, TerrainMaterial
 from oaisys_core.scene.tiling import PlainTiling, Tiling
 from oaisys_core.types import FloatArray
 
-Levels = NDArray[np.intp]
 Axes = tuple[int, int] | None
 """The axes of ``map`` that are u and v of the plane that textures are projected onto; None: x, y,
 seen from above."""
-
-_LINEAR = linear(np.arange(256) / 255)
-_HEIGHTS = np.linspace(MIN_HEIGHT, MAX_HEIGHT, 256)
-LINEAR = np.stack((_LINEAR, _LINEAR, _LINEAR, _HEIGHTS), axis=-1).astype(np.float32)[None]
-"""Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
 
 LOWEST = -18.0
 """Key below any layer's, see `borders`."""
 
 MOST = 0.6
 """Share of the points from which on a layer is looked up at all of them."""
-
-
-class Plane(NamedTuple):
-    """What the layers look like, projected onto one plane.
-
-    Attributes:
-        color: (N, 3) linear.
-        slope: (N, 2) along u and v.
-        roughness: (N,).
-    """
-
-    color: Floats
-    slope: Floats
-    roughness: Floats
-
-
-class LayerTexture:
-    """The levels of one layer's texture, by the ground's levels of detail."""
-
-    def __init__(self, layer: TerrainLayer, store: LevelStore, seen_m: FloatArray) -> None:
-        """Take over a layer.
-
-        Args:
-            layer: The layer.
-            store: Computes levels.
-            seen_m: Footprints at which the ground's levels begin.
-        """
-        maps = layer.maps
-        levels = store.levels(maps)
-        self.maps, self.tiling = maps, layer.tiling
-        self.has_labels = layer.label_image is not None
-        self.level_of = np.array([level_at(maps, len(levels), each) for each in seen_m.tolist()])
-        self.variances = [store.heights(levels[level]).variance for level in self.level_of]
-        colors = [np.dstack((each.color_srgb, store.heights(each).texels)) for each in levels]
-        self.colors = TextureAtlas(colors)
-        self.reliefs = TextureAtlas([_relief(each) for each in levels])
-        self.mean = np.array(mean_color(levels[-1]), np.float32)
-
-
-def _relief(maps: PbrMaps) -> NDArray[np.uint8]:
-    """Return the (S, S, 4) encoded slopes, roughness, and nothing."""
-    empty = np.zeros_like(maps.roughness)
-    return np.dstack((maps.normal_gl[..., :2], maps.roughness, empty))
 
 
 class GroundTexture:
@@ -166,8 +104,13 @@ class GroundTexture:
         lean[:, :2] = above.slope
         if self._material.projects_sides:
             self._add_sides(points_m, normals, weights, level, (color, lean, roughness))
-        self._add_contact(xy_m, weights, color, lean, roughness)
-        self._add_water(points_m, color)
+        if self.contact is not None:
+            means = np.array([layer.mean for layer in self._layers])
+            is_image = any(layer.has_labels for layer in self._layers)
+            fines = None if is_image else weights @ means
+            add_contact(self.contact, self.driven, xy_m, fines, (color, lean, roughness))
+        if self._material.wet_bank_m is not None:
+            darken_wet(self._material.wet_bank_m, points_m[:, 2], color)
         if self._material.is_lambertian:
             roughness[:] = 0
         through = np.zeros(len(points_m), np.float32)
@@ -230,7 +173,8 @@ class GroundTexture:
             if seen < MOST * count:
                 rows = np.flatnonzero(is_seen)
             at_m = points_m[:, :2] if layer.has_labels else place_m
-            texel, height = self._texels(layer, at_m[rows], level[rows], axes)
+            tiling = self._tiling(layer, axes)
+            texel, height = layer.look_up(at_m[rows], level[rows], tiling)
             key = keys(height, weight[rows])
             if index == 0:
                 factor: Floats = np.ones(len(key), np.float32)
@@ -244,32 +188,6 @@ class GroundTexture:
                 old[rows] += part * (new - old[rows])
         self._vary(place_m, points_m, axes, level, found.color)
         return found
-
-    def _texels(
-        self, layer: LayerTexture, place_m: FloatArray, level: Levels, axes: Axes
-    ) -> tuple[Plane, Floats]:
-        """Return what a layer's texture shows at (N, 2) places in a plane, and its heights."""
-        samples = self._tiling(layer, axes).samples(place_m / layer.maps.tile_m)
-        of_layer = layer.level_of[level]
-        texels, reliefs = [], []
-        for uv_tiles in samples.uv_tiles:
-            places = layer.colors.places(uv_tiles, of_layer)
-            found = layer.colors.look_up(places)
-            texels.append(cv2.LUT(found[None], LINEAR)[0])
-            reliefs.append(layer.reliefs.look_up(places).astype(np.float32))
-        weights = samples.weights.astype(np.float32)
-        if samples.turns_rad is not None:
-            _turn(reliefs, samples.turns_rad)
-        texel, relief = texels[0], reliefs[0]
-        if len(texels) > 1:
-            gain = 1 / np.sqrt((weights * weights).sum(axis=0))[:, None]
-            texel = _blend(texels, weights)
-            texel[:, :3] = np.maximum(layer.mean + gain * (texel[:, :3] - layer.mean), 0)
-            relief = _blend(reliefs, weights)
-            relief[:, :2] = FLAT + gain * (relief[:, :2] - FLAT)
-        slope = (relief[:, :2] - np.float32(FLAT)) * np.float32(1 / STEPS)
-        plane = Plane(texel[:, :3], slope, relief[:, 2] * np.float32(1 / 255))
-        return plane, texel[:, 3]
 
     def _tiling(self, layer: LayerTexture, axes: Axes) -> Tiling:
         """Return how a layer's texture is laid onto a plane."""
@@ -328,63 +246,3 @@ class GroundTexture:
             LayerBorder(*(np.broadcast_to(each, self._bounds_m.shape) for each in border))
             for border in borders(variances)
         ]
-
-    def _add_contact(
-        self, xy_m: FloatArray, weights: Floats, color: Floats, lean: Floats, roughness: Floats
-    ) -> None:
-        """Show, in place, fines around things, and tracks."""
-        contact = self.contact
-        if contact is None:
-            return
-        x0, y0, x1, y1 = contact.extent_m
-        rows, columns = contact.share.shape
-        x = ((xy_m[:, 0] - x0) * (columns / (x1 - x0)) - 0.5).astype(np.float32)
-        y = ((xy_m[:, 1] - y0) * (rows / (y1 - y0)) - 0.5).astype(np.float32)
-        near = sample(contact.share, x, y, cv2.BORDER_CONSTANT)
-        if contact.passed is not None:
-            _darken_tracks(sample(contact.passed, x, y, cv2.BORDER_CONSTANT), self.driven, color)
-        seen = np.flatnonzero(near)
-        if not len(seen):
-            return
-        share = near[seen].astype(np.float32) * np.float32(1 / 255)
-        dark = np.clip((share - DARK_FROM) / (1 - DARK_FROM), 0, 1)
-        if any(layer.has_labels for layer in self._layers):
-            color[seen] *= (1 - dark * (1 - DARKEST))[:, None]
-            return
-        part = np.minimum(share / FINES_FROM, 1) * np.float32(MAX_FINES)
-        means = np.array([layer.mean for layer in self._layers])
-        fines = weights[seen] @ means
-        fines *= (FINES_BRIGHTNESS + dark * (DARKEST - FINES_BRIGHTNESS))[:, None]
-        color[seen] += part[:, None] * (fines - color[seen])
-        lean[seen] *= (1 - part)[:, None]
-        roughness[seen] += part * (FINES_ROUGHNESS - roughness[seen])
-
-    def _add_water(self, points_m: FloatArray, color: Floats) -> None:
-        """Darken wet ground in place."""
-        if self._material.wet_bank_m is None:
-            return
-        low_m, high_m = self._material.wet_bank_m
-        share = np.clip((high_m - points_m[:, 2]) / max(high_m - low_m, 1e-3), 0, 1)
-        color *= (1 - WET_DARKENING * share).astype(np.float32)[:, None]
-
-
-def _darken_tracks(passed: NDArray[np.uint8], driven: tuple[float, ...], color: Floats) -> None:
-    """Darken, in place, what wheels have passed so far."""
-    for end, value in zip(driven, passed.T, strict=False):
-        is_track = (value > 0) & (value < end * 255)
-        color[is_track] *= np.float32(1 - TRACK_DARKENING)
-
-
-def _turn(reliefs: list[Floats], turns_rad: FloatArray) -> None:
-    """Turn encoded slopes, in place, as textures were turned the other way."""
-    for relief, turn_rad in zip(reliefs, turns_rad, strict=True):
-        cos, sin = np.cos(turn_rad).astype(np.float32), np.sin(turn_rad).astype(np.float32)
-        x, y = relief[:, 0] - FLAT, relief[:, 1] - FLAT
-        relief[:, 0], relief[:, 1] = FLAT + cos * x + sin * y, FLAT - sin * x + cos * y
-
-
-def _blend(parts: list[Floats], weights: Floats) -> Floats:
-    total = parts[0] * weights[0, :, None]
-    for part, weight in zip(parts[1:], weights[1:], strict=True):
-        total += part * weight[:, None]
-    return total

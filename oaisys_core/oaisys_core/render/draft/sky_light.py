@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import cos, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.environment import atmosphere
-from oaisys_core.procedural.environment.light import plain_radiance
+from oaisys_core.procedural.environment.light import plain_radiance, sun_color
 from oaisys_core.render.draft.appearance import Floats
 from oaisys_core.render.draft.texture_atlas import sample
 from oaisys_core.render.shading.shading import MIN_UP, in_haze
@@ -25,6 +25,10 @@ Efficient Representation for Irradiance Environment Maps", SIGGRAPH 2001)."""
 
 FADE_BELOW = 3.3
 """How fast a clear sky fades below the horizon, by the ray's vertical component."""
+
+
+MIN_DISC_RAD = 1e-4
+"""Least radius of the sun's disc in images: a point would be infinitely bright."""
 
 
 class SkyLight:
@@ -52,9 +56,18 @@ class SkyLight:
         """Return (N, 3) irradiance of surfaces with (N, 3) unit normals and a free view."""
         return np.maximum(_harmonics(normals) @ self._irradiance, 0)
 
-    def radiance(self, rays: FloatArray) -> Floats:
-        """Return the (N, 3) radiance of the sky along (N, 3) rays of any length, behind haze."""
+    def radiance(self, rays: FloatArray, *, with_disc: bool = False) -> Floats:
+        """Return the (N, 3) radiance of the sky along (N, 3) rays of any length, behind haze.
+
+        With the sun's disc, if it is to be seen.
+        """
         sky, found = self._sky, self._without_haze(rays)
+        if with_disc and sky.sun_disc > 0:
+            radius_rad = max(sky.sun_angular_diameter_rad / 2, MIN_DISC_RAD)
+            cosines = rays @ np.array(sky.to_sun) / np.linalg.norm(rays, axis=1)
+            brightness = sky.sun_disc * sky.sun_strength_w_m2 / (pi * sin(radius_rad) ** 2)
+            disc = brightness * np.array(sun_color(sky))
+            found[cosines > cos(radius_rad)] += disc.astype(np.float32)
         if sky.haze is None:
             return found
         up = rays[:, 2] / np.linalg.norm(rays, axis=1)
