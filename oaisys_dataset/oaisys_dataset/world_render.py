@@ -154,7 +154,7 @@ class WorldRenderer:
 
     def _of_world(self) -> tuple[float, Mapping[str, Any]]:
         """Return what all views of the current world have in common."""
-        return _s_per_view(self._simulation.world_config), self._simulation.draws
+        return seconds_per_view(self._simulation.world_config), self._simulation.draws
 
     def _encode_frame(
         self, frames: Sequence[Frame], shared: Mapping[str, Any], view: _View
@@ -236,7 +236,7 @@ def _versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
-def _s_per_view(config: SimulationConfig) -> float:
+def seconds_per_view(config: SimulationConfig) -> float:
     """Return the simulated time from one view to the next."""
     sun: Any = config.environment.sun_from_time
     return float(sun.s_per_sample) if sun is not None and sun.s_per_sample > 0 else S_PER_VIEW

@@ -19,7 +19,7 @@ from oaisys_core.output.records import intrinsics_record
 from oaisys_dataset import Dataset, open_dataset
 from oaisys_dataset.check import CheckReport, check_dataset
 from oaisys_dataset.cli.dataset import dataset_app
-from oaisys_dataset.manifest import FrameRecord, WorldFailure
+from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure
 from oaisys_dataset.shards import (
     manifest_name,
     tar_name,
@@ -265,7 +265,99 @@ def change_config(folder: Path) -> None:
     (folder / "dataset.json").write_text(json.dumps(head), encoding="utf-8")
 
 
+def negate_normals(folder: Path) -> None:
+    change_normals(folder, lambda normals, _: -normals)
+
+
+def turn_normals_into_map(folder: Path) -> None:
+    change_normals(folder, lambda normals, R: normals @ R.T)
+
+
+def shorten_normals(folder: Path) -> None:
+    change_normals(folder, lambda normals, _: 0.98 * normals)
+
+
+def flip_normals(folder: Path) -> None:
+    """Write normals with y up, as OpenGL has them."""
+    change_normals(folder, lambda normals, _: normals * (1, -1, 1))
+
+
+def change_normals(folder: Path, change: Callable[[Any, Any], Any]) -> None:
+    def change_all(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        normals = np.ascontiguousarray(change(arrays["normal"], record.pose[:3, :3]), np.float32)
+        return record, {**arrays, "normal": normals}
+
+    rewritten(folder, 0, change_all)
+
+
+def move_sun(folder: Path) -> None:
+    def change(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        assert record.sun_azimuth_deg is not None
+        return replace(record, sun_azimuth_deg=record.sun_azimuth_deg + 0.01), arrays
+
+    rewritten(folder, 0, change)
+
+
+def move_stamp(folder: Path) -> None:
+    def change(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        return replace(record, stamp_s=record.stamp_s + 0.05), arrays
+
+    rewritten(folder, 0, change)
+
+
+def change_label_pixels(folder: Path) -> None:
+    """Count a pixel too many in a line whose hash fits."""
+    file = folder / manifest_name(1)
+    first, *others = file.read_bytes().splitlines()
+    record = FrameRecord.from_json(first, "line")
+    changed = {each: count + 1 for each, count in record.label_pixels.items()}
+    line = replace(record, label_pixels=changed).to_json().encode().rstrip()
+    file.write_bytes(b"\n".join([line, *others]) + b"\n")
+
+
+def rename_object(folder: Path) -> None:
+    change_legend(folder, lambda told: replace(told, name=f"{told.name}_x"))
+
+
+def relabel_object(folder: Path) -> None:
+    change_legend(folder, lambda told: replace(told, label="sand"))
+
+
+def change_legend(folder: Path, change: Callable[[LegendInstance], LegendInstance]) -> None:
+    """Write the legend of world 0 with a changed first object, and hashes that fit."""
+    dataset = open_dataset(folder)
+    samples = [dataset.sample(record) for record in dataset.of_world(0)]
+    legend = dataset.legend(0)
+    first = min(legend.instances)
+    changed = {**legend.instances, first: change(legend.instances[first])}
+    with writing_shard(dataset.place, 0) as shard:
+        for sample in samples:
+            shard.add(sample.record, sample.arrays)
+        shard.finish(replace(legend, instances=changed))
+
+
+def append_to_tar(folder: Path) -> None:
+    with (folder / tar_name(1)).open("ab") as file:
+        file.write(b"more")
+
+
+def append_zeros_to_tar(folder: Path) -> None:
+    with (folder / tar_name(1)).open("ab") as file:
+        file.write(bytes(50_000))
+
+
 DAMAGE = [
+    (negate_normals, {"surface"}),
+    (turn_normals_into_map, {"surface"}),
+    (shorten_normals, {"surface"}),
+    (flip_normals, {"surface"}),
+    (move_sun, {"camera"}),
+    (move_stamp, {"camera"}),
+    (change_label_pixels, {"manifest"}),
+    (rename_object, {"labels"}),
+    (relabel_object, {"labels"}),
+    (append_to_tar, {"shard"}),
+    (append_zeros_to_tar, {"shard"}),
     (flip_image_byte, {"hash"}),
     (flip_manifest_byte, {"manifest"}),
     (flip_legend_byte, {"shard"}),

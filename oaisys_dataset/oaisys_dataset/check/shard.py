@@ -81,7 +81,10 @@ def _members(data: mmap.mmap) -> dict[str, tuple[int, int]]:
     data.seek(0)
     with tarfile.open(fileobj=data, mode="r:") as tar:
         members = {each.name: (each.offset_data, each.size) for each in tar.getmembers()}
-        if not any(data[tar.offset : tar.offset + 2 * tarfile.BLOCKSIZE]) and members:
+        end = tar.offset + 2 * tarfile.BLOCKSIZE
+        if not any(data[tar.offset : end]) and members:
+            if any(data[end:]) or len(data) > end + tarfile.RECORDSIZE:
+                raise ValueError(f"{len(data) - end} bytes follow the end of the tar file")
             return members
     raise ValueError("a member's head was changed: the tar file ends before its end")
 
@@ -152,7 +155,18 @@ def _check_frame(
             result.note("legend", name, f"ids {_show(unknown)} are not in the legend")
         if modality == INSTANCE:
             objects.check(record, pixels)
+        if modality == SEMANTIC_0:
+            _check_label_pixels(record, pixels, result)
     result.prints[record.frame_id] = whole.digest()[:16]
+
+
+def _check_label_pixels(record: FrameRecord, labels: NDArray[Any], result: ShardResult) -> None:
+    """Compare the recorded number of pixels of each label with the image of labels."""
+    ids, counts = np.unique(labels, return_counts=True)
+    found = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+    if {int(each): count for each, count in record.label_pixels.items()} != found:
+        text = f"label_pixels are {dict(record.label_pixels)}, expected {found}"
+        result.note("manifest", record.frame_id, text)
 
 
 def _check_scan(

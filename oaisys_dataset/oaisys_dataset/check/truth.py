@@ -20,7 +20,16 @@ from oaisys_core.output.records import pose_from_record
 from oaisys_core.raycast.object_views import ObjectFinder
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, DEPTH_TRUE, INSTANCE, Frame, SensorInfo, TriangleMesh
+from oaisys_core.types import (
+    DEPTH,
+    DEPTH_TRUE,
+    INSTANCE,
+    Frame,
+    ObjectQuery,
+    SceneObject,
+    SensorInfo,
+    TriangleMesh,
+)
 from oaisys_core.verification.audit import AuditResult, audit_frames, sum_results
 from oaisys_core.verification.reference_scene import ReferenceScene
 from oaisys_core.world.batch import state_of
@@ -28,17 +37,27 @@ from oaisys_dataset.check.object_rows import CHECK, differing_rows
 from oaisys_dataset.check.report import Finding
 from oaisys_dataset.check.scan_truth import ScanCheck
 from oaisys_dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
+from oaisys_dataset.check.view_truth import (
+    legend_faults,
+    light_faults,
+    normal_faults,
+    time_faults,
+)
 from oaisys_dataset.manifest import DatasetInfo, FrameRecord, WorldLegend
 from oaisys_dataset.manifest_lines import RecordT
 from oaisys_dataset.objects import frame_objects, rows_of
 from oaisys_dataset.reader import Dataset, DatasetSample
 from oaisys_dataset.scans import ScanRecord
+from oaisys_dataset.world_render import seconds_per_view
 
 VIEWS = 3
 """Views of a rebuilt world whose images are audited."""
 
 POINTS = 500
 """Random pixels of a frame that must be on the surface."""
+
+PAGE = 5000
+"""Objects that are listed at once."""
 
 LARGEST_WRONG_SHARE = 5e-4
 """Of audited pixels off edges, of one sensor and modality in one world."""
@@ -104,8 +123,11 @@ class TruthCheck:
                 surface = WorldSurface(mesh)
                 reference = ReferenceScene(self._simulation.scene, mesh)
             self._check_legend(world, legend, result)
+            self._check_views(of_view, result)
             self._audit_view(dataset, of_view, reference, surface, result)
             self._check_scans(dataset, [s for s in scans if s.view == view], surface, result)
+        if chosen.size:
+            result.findings += legend_faults(world, legend, self._objects())
         if surface is not None and not self._differs_by_view():
             for record in _others(records, chosen, geometry):
                 depths = _only(record, DEPTH, DEPTH_TRUE)
@@ -119,6 +141,26 @@ class TruthCheck:
         """Return whether the current world's surface is another one in each view."""
         config = self._simulation.world_config
         return bool(config.assets.movers) or config.stage.detail is not None
+
+    def _objects(self) -> dict[int, SceneObject]:
+        """Return all objects of the current world, by their ids."""
+        found: dict[int, SceneObject] = {}
+        after: int | None = 0
+        while after is not None:
+            page = self._simulation.list_objects(ObjectQuery(after_instance_id=after, limit=PAGE))
+            found |= {each.instance_id: each for each in page.objects}
+            after = page.next_after_instance_id or None
+        return found
+
+    def _check_views(self, records: Sequence[FrameRecord], result: TruthResult) -> None:
+        """Compare what records say of light and time with the current world."""
+        sky, s_per_view = (
+            self._simulation.scene.sky,
+            seconds_per_view(self._simulation.world_config),
+        )
+        for record in records:
+            result.findings += light_faults(record, (sky.sun_elevation_rad, sky.sun_azimuth_rad))
+            result.findings += time_faults(record, s_per_view)
 
     def _rebuilt(self, record: FrameRecord) -> TriangleMesh:
         """Make the world of a frame again, as it was at that view, and return its surface."""
@@ -146,6 +188,8 @@ class TruthCheck:
                 result.audited += audit_frames(frames, reference, self._rng)
             self._check_points(sample, surface, result)
             self._check_objects(dataset, sample, result)
+            if record.sensor not in self._unaudited and not self._has_faults:
+                result.findings += normal_faults(sample)
 
     def _check_objects(self, dataset: Dataset, sample: DatasetSample, result: TruthResult) -> None:
         """Compare a frame's rows of objects with those that the world gives."""
