@@ -334,7 +334,7 @@ class Surface:
                 triangles[seen] = self._targets[index].triangles_of(view.elements[seen, 0])
         return triangles
 
-    def occluded(self, origins_m: FloatArray, direction: FloatArray) -> NDArray[np.bool_]:
+    def are_occluded_along(self, origins_m: FloatArray, direction: FloatArray) -> NDArray[np.bool_]:
         """Return (R,) whether parallel rays from (R, 3) origins in ``map`` hit anything.
 
         ``direction`` is (3,).

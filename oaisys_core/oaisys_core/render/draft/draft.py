@@ -26,7 +26,7 @@ from oaisys_core.types import FloatArray
 LIFT_M, LIFT_SHARE = 1e-4, 1.5e-5
 """Distance of shadow rays' beginnings from the surface, and its share of that from the eye."""
 
-GRAZING_COS, GRAZING_LIFT = 0.12, 0.08
+GRAZING_COS, GRAZING_LIFT = 0.2, 0.12
 """Cosine of the sun's angle to the ground below which they begin higher, and how much at most, as a
 share of the distance between the ground's vertices."""
 

@@ -35,7 +35,7 @@ RandomNumbers = Callable[[NDArray[np.uint32]], Floats]
 """Returns the (N,) numbers from 0 to 1 of instances, by which their brightness differs."""
 
 
-def hashed_numbers(instance_ids: NDArray[np.uint32]) -> Floats:
+def hash_numbers(instance_ids: NDArray[np.uint32]) -> Floats:
     """Return (N,) numbers from 0 to 1 that are the same in each view."""
     mixed = instance_ids * np.uint32(0x9E3779B1)
     for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39), (15, 1)):
@@ -82,7 +82,7 @@ class ObjectLook:
         random_numbers: By which the brightness of instances differs.
     """
 
-    random_numbers: RandomNumbers = staticmethod(hashed_numbers)
+    random_numbers: RandomNumbers = staticmethod(hash_numbers)
 
     def __init__(self, scene: Scene, store: LevelStore, ground: GroundTexture) -> None:
         """Take over a scene, whose ground has such a texture."""

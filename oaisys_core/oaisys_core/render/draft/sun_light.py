@@ -45,7 +45,9 @@ class SunLight:
 
         def cast(rows: slice) -> None:
             wanted = may_see[rows]
-            share[rows][wanted] = ~self._surface.occluded(starts_m[rows][wanted], self._to_sun)
+            share[rows][wanted] = ~self._surface.are_occluded_along(
+                starts_m[rows][wanted], self._to_sun
+            )
 
         self._surface.each_band((share.shape[0], share.shape[1]), cast)
         # Pixels that cannot see the sun are no shadow's edge.
@@ -82,7 +84,7 @@ class SunLight:
         """Return the (N,) shares of the disc that (N, 3) points see."""
         seen = np.zeros(len(starts_m), np.float32)
         for ray in self._disc:
-            seen += ~self._surface.occluded(starts_m, ray)
+            seen += ~self._surface.are_occluded_along(starts_m, ray)
         return np.asarray(seen / np.float32(EDGE_RAYS))
 
 
