@@ -15,17 +15,24 @@ from blender_process import in_blender
 from small_datasets import SMALL, render_dataset
 from typer.testing import CliRunner
 
+from oaisys_core.config import config_from_mapping
 from oaisys_core.output.records import intrinsics_record
 from oaisys_dataset import Dataset, open_dataset
 from oaisys_dataset.check import CheckReport, check_dataset
 from oaisys_dataset.cli.dataset import dataset_app
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure
+from oaisys_dataset.places import open_place
+from oaisys_dataset.plan import world_tasks
+from oaisys_dataset.rendering import dataset_info
 from oaisys_dataset.shards import (
+    HEAD,
     manifest_name,
     tar_name,
     write_failure,
     writing_shard,
 )
+from oaisys_dataset.workers import write_world
+from oaisys_dataset.world_render import WorldRenderer
 
 WORLDS = {0: "train", 1: "train", 2: "val"}
 VIEWS = 3
@@ -399,6 +406,24 @@ def test_damage_is_found(folder: Path, damage: Callable[[Path], None], expected:
     report = check_dataset(folder, worlds_rebuilt=int(needs_world))
     assert not report.has_passed
     assert expected <= checks(report), report.findings
+
+
+def test_a_world_that_was_moved_into_another_split_is_found(tmp_path: Path) -> None:
+    """All its lines agree; only the plan of the data set knows better."""
+    config = config_from_mapping(SMALL)
+    place, info = open_place(tmp_path), dataset_info(config, 2, 2, {"train": 0.5, "val": 0.5})
+    place.write(HEAD, info.to_json().encode())
+    renderer = WorldRenderer(config, "here")
+    for task in world_tasks(info.seed, 2, 2, info.splits):
+        list(write_world(place, task, renderer.render(task)))
+    renderer.close()
+    assert check_dataset(tmp_path, worlds_rebuilt=0).has_passed
+
+    def move(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        return replace(record, split="train"), arrays
+
+    rewritten(tmp_path, 1, move)
+    assert checks(check_dataset(tmp_path, worlds_rebuilt=0)) == {"split"}
 
 
 def test_a_world_that_could_not_be_made_is_counted_and_is_no_finding(folder: Path) -> None:

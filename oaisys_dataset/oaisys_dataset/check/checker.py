@@ -19,10 +19,12 @@ from oaisys_dataset.check.shard import check_shard
 from oaisys_dataset.check.truth import TruthCheck, TruthResult
 from oaisys_dataset.manifest import DatasetInfo
 from oaisys_dataset.places import StoragePlace, open_place
+from oaisys_dataset.plan import world_tasks
 from oaisys_dataset.reader import Dataset, open_dataset
 from oaisys_dataset.shards import (
     HEAD,
     SHARDS,
+    manifest_name,
     read_head,
     tar_name,
     whole_worlds,
@@ -74,6 +76,8 @@ class _Summary:
         self._findings_total = 0
         self._counts: Counter[str] = Counter()
         self._splits: dict[int, str] = {}
+        tasks = world_tasks(info.seed, info.worlds, info.views, info.splits)
+        self._planned = {task.index: task for task in tasks}
         self._world_of_seed: dict[int, int] = {}
         self._frame_of_print: dict[bytes, str] = {}
         self._rebuilt: list[int] = []
@@ -122,6 +126,7 @@ class _Summary:
         self._counts["image_bytes"] += shard.image_bytes
         if shard.splits:
             self._splits[shard.world] = min(shard.splits)
+        self._check_plan(shard)
         for seed in shard.seeds:
             self._check_seed(seed, shard.world)
         for frame, pixels in shard.prints.items():
@@ -131,6 +136,15 @@ class _Summary:
                 self._note_found([Finding("duplicate", frame, text)])
         if not any(f.check in ("manifest", "shard", "image") for f in shard.findings):
             self.sound_worlds.append(shard.world)
+
+    def _check_plan(self, shard: ShardResult) -> None:
+        """Check that a world that has the seed of the plan has its split, too."""
+        planned = self._planned.get(shard.world)
+        if planned is None or shard.seeds != {planned.seed} or len(shard.splits) != 1:
+            return
+        if shard.splits != {planned.split}:
+            text = f"{min(shard.splits)!r}, expected {planned.split!r} as planned for its number"
+            self._note_found([Finding("split", manifest_name(shard.world), text)])
 
     def rebuild(
         self,
