@@ -423,7 +423,7 @@ def test_a_world_that_was_moved_into_another_split_is_found(tmp_path: Path) -> N
         return replace(record, split="train"), arrays
 
     rewritten(tmp_path, 1, move)
-    assert checks(check_dataset(tmp_path, worlds_rebuilt=0)) == {"split"}
+    assert "split" in checks(check_dataset(tmp_path, worlds_rebuilt=0))
 
 
 def test_a_world_that_could_not_be_made_is_counted_and_is_no_finding(folder: Path) -> None:
