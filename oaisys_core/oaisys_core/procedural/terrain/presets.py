@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from oaisys_core import extensions
@@ -57,6 +59,9 @@ def make_ground(
     spec = GroundSpec(extent_m, resolution_px, roughness, relief_m)
     maker = PRESETS.get(preset) or extensions.load(extensions.STAGES, preset)
     if preset in SHAPED:
+        if relief_m is not None:
+            # Processes divide by the relief.
+            spec = replace(spec, relief_m=max(relief_m, LEAST_RELIEF * extent_m))
         elevation_m = kept(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
     else:
         elevation_m = np.asarray(maker(spec, rng), np.float32)
@@ -91,6 +96,9 @@ def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     large = scale_to_relief(rolling, 4.5 if spec.relief_m is None else spec.relief_m)
     return subtract_median(large + spec.roughness * unevenness(spec, rng))
 
+
+LEAST_RELIEF = 1e-6
+"""Relief of presets made by processes, at least, in edges of the stage."""
 
 SHAPED: dict[str, Preset] = {
     "alpine": alpine,

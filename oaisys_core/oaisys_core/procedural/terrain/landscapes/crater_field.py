@@ -30,15 +30,17 @@ def crater_field(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     domain = domain_of(spec, margin=1.0)
     swells = 0.010 * spec.extent_m * domain.cut(domain.noise(3.0, rng, octaves=4), spec)
     smallest_m = max(SMALLEST_M, spec.extent_m / 400)
-    impacts = draw_impacts(
-        spec.extent_m,
-        rng,
-        smallest_m=min(smallest_m, largest_m / 2),
-        largest_m=largest_m,
-        equilibrium_m=0.4 * largest_m,
-        coverage=COVERAGE,
-    )
-    z = add_impacts(swells, spacing_m, impacts, rng)
+    z = swells
+    if largest_m > smallest_m:
+        impacts = draw_impacts(
+            spec.extent_m,
+            rng,
+            smallest_m=smallest_m,
+            largest_m=largest_m,
+            equilibrium_m=0.4 * largest_m,
+            coverage=COVERAGE,
+        )
+        z = add_impacts(swells, spacing_m, impacts, rng)
     # The last grains to fall have rounded what is as small as the grid.
     z = diffuse(z, spacing_m, 0.3 * spacing_m**2)
     x, y = grid(spec.extent_m / 0.5, spec.resolution_px, 1.0)

@@ -90,7 +90,9 @@ def _erode_all(
     )
     longest = max(z.shape)
     lift_m = _lift(longest, longest * spacing_m, config, rng)[: z.shape[0], : z.shape[1]]
-    halvings = range(max(int(np.ceil(np.log2(max(longest / COARSEST_PX, 1.0)))), 0) + 1)
+    # No coarse grid has less than two rows or columns.
+    most = int(np.log2(max((min(z.shape) - 1) / 2, 1.0)))
+    halvings = range(min(int(np.ceil(np.log2(max(longest / COARSEST_PX, 1.0)))), most) + 1)
     change_m, coarser = np.zeros((1, 1)), 1
     for halving in reversed(halvings):
         step = 2**halving

@@ -39,6 +39,15 @@ def test_any_preset_erodes_into_the_same_bytes_each_time(beds: BedsConfig | None
 
 
 @pytest.mark.usefixtures("no_cache")
+@pytest.mark.parametrize("shape", [(2, 2), (3, 40), (2, 300)])
+def test_narrow_grids_erode(shape: tuple[int, int]) -> None:
+    heights = np.random.default_rng(0).random(shape).astype(np.float32)
+    config = ErosionConfig(beds=BedsConfig())
+    after = eroded(HeightField(heights, (0.0, 0.0), 1.0), config, np.random.default_rng(0))
+    assert np.isfinite(after.elevation_m).all()
+
+
+@pytest.mark.usefixtures("no_cache")
 def test_an_elevation_model_keeps_its_means_over_pixels() -> None:
     before = ground(161)
     pixel = 8

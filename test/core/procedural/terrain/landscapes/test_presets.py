@@ -31,6 +31,16 @@ def test_a_preset_has_the_same_bytes_on_each_run_and_python(
     assert hashlib.sha256(ground.elevation_m.tobytes()).hexdigest()[:16] == DIGESTS[preset]
 
 
+@pytest.mark.parametrize("preset", sorted(SHAPED.keys() - {"slab_dunes"}))
+@pytest.mark.parametrize(("extent_m", "relief_m"), [(0.01, None), (64.0, 0.0), (1e7, None)])
+def test_a_preset_has_finite_heights_at_the_bounds_of_its_keys(
+    preset: str, extent_m: float, relief_m: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OAISYS_CACHE_MB", "0")
+    rng = np.random.default_rng(0)
+    assert np.isfinite(make_ground(preset, extent_m, 9, rng, relief_m=relief_m).elevation_m).all()
+
+
 def test_badlands_have_the_concavity_of_rivers_and_slopes_at_repose() -> None:
     ground = make_ground("badlands", 100.0, 385, np.random.default_rng(3))
     found = measure(ground)
