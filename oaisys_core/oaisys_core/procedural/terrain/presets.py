@@ -19,7 +19,7 @@ from oaisys_core.procedural.terrain.landform import (
 from oaisys_core.procedural.terrain.landscapes.alpine import alpine
 from oaisys_core.procedural.terrain.landscapes.badlands import badlands
 from oaisys_core.procedural.terrain.landscapes.crater_field import crater_field
-from oaisys_core.procedural.terrain.landscapes.kept import kept
+from oaisys_core.procedural.terrain.landscapes.kept import make_once
 from oaisys_core.procedural.terrain.landscapes.river_bed import river_bed
 from oaisys_core.procedural.terrain.landscapes.slab_dunes import slab_dunes
 from oaisys_core.procedural.terrain.landscapes.volcanic_field import volcanic_field
@@ -62,7 +62,7 @@ def make_ground(
         if relief_m is not None:
             # Processes divide by the relief.
             spec = replace(spec, relief_m=max(relief_m, LEAST_RELIEF * extent_m))
-        elevation_m = kept(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
+        elevation_m = make_once(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
     else:
         elevation_m = np.asarray(maker(spec, rng), np.float32)
     if elevation_m.shape != (resolution_px, resolution_px) or not np.isfinite(elevation_m).all():

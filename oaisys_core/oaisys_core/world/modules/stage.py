@@ -19,7 +19,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.procedural.terrain.detail import Detail
-from oaisys_core.procedural.terrain.landscapes.eroded import eroded
+from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
@@ -176,7 +176,7 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, world: World) -> 
     if config.erosion is None:
         return ground
     kept_m = posting_m if config.erosion.below_posting else None
-    return eroded(ground, config.erosion, randomness.child(rng, "erosion"), kept_m)
+    return erode_ground(ground, config.erosion, randomness.child(rng, "erosion"), kept_m)
 
 
 def _preset_ground(config: StageConfig, rng: np.random.Generator) -> HeightField:

@@ -12,7 +12,7 @@ from oaisys_core.procedural.terrain.landform import (
     unevenness,
 )
 from oaisys_core.procedural.terrain.landscapes.domain import COARSEST_PX, domain_of, stages_of
-from oaisys_core.procedural.terrain.processes.debris import shed
+from oaisys_core.procedural.terrain.processes.debris import drop_debris
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, upsample
 from oaisys_core.procedural.terrain.processes.exact import tangent
 from oaisys_core.procedural.terrain.processes.flow import edge_cells, route
@@ -94,7 +94,7 @@ def _shed(
     up = np.gradient(z, spacing_m)
     steep = np.clip(np.sqrt(up[0] ** 2 + up[1] ** 2) - 0.6, 0.0, 0.6)
     z = z + 0.02 * height_m * steep * (crags - 0.8)
-    shed_m, _ = shed(
+    shed_m, _ = drop_debris(
         z,
         spacing_m,
         rng,

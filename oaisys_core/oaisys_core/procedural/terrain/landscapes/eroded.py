@@ -9,7 +9,7 @@ import scipy
 
 from oaisys_core.config.sections.erosion import ErosionConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.terrain.landscapes.kept import kept
+from oaisys_core.procedural.terrain.landscapes.kept import make_once
 from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.beds import Beds, draw_beds, draw_lift
 from oaisys_core.procedural.terrain.processes.evolution import (
@@ -39,7 +39,7 @@ MEAN_ROUNDS = 3
 """Rounds by which the means over the pixels of an elevation model come back."""
 
 
-def eroded(
+def erode_ground(
     ground: HeightField,
     config: ErosionConfig,
     rng: np.random.Generator,
@@ -74,7 +74,7 @@ def eroded(
             return after_m
         return _with_means_of(before_m, after_m, posting_m / ground.spacing_m)
 
-    return replace(ground, elevation_m=kept("eroded", key, rng, make))
+    return replace(ground, elevation_m=make_once("eroded", key, rng, make))
 
 
 def _erode_all(

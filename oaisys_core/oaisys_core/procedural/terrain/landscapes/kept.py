@@ -34,7 +34,7 @@ CODE = (
 MAX_GROUND_BYTES = 8193 * 8193 * 4 + 4096
 
 
-def kept(
+def make_once(
     name: str, key: Hashable, rng: np.random.Generator, make: Callable[[], FloatArray]
 ) -> NDArray[np.float32]:
     """Return heights that were made before, or make and keep them.

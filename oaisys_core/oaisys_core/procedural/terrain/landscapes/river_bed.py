@@ -15,7 +15,13 @@ from oaisys_core.procedural.terrain.landscapes.domain import Domain, domain_of
 from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
-from oaisys_core.procedural.terrain.processes.river import Channel, bed, channel_of, even, wander
+from oaisys_core.procedural.terrain.processes.river import (
+    Channel,
+    channel_depth,
+    channel_of,
+    even,
+    wander,
+)
 from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide
 from oaisys_core.types import FloatArray
 
@@ -80,7 +86,7 @@ def _paint(
 ) -> FloatArray:
     """Return the ground with the channel of one time cut into it, and the bars that it leaves."""
     off = np.abs(channel.across) * (1.0 + ragged)
-    ground_m = level_m - depth_m * bed(channel, 0.55)
+    ground_m = level_m - depth_m * channel_depth(channel, 0.55)
     # Beside the bed, the bars of this time: lower than the banks, rising away from the water.
     bar_m = level_m - depth_m * np.clip(0.9 - 0.55 * (off - 1.0), 0.0, 0.9)
     bar_m = bar_m + 0.12 * depth_m * float(rng.uniform(-1.0, 1.0))

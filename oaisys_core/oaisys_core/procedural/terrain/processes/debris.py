@@ -40,7 +40,7 @@ def run_out(
     return flow.on_grid(rest_m, shape)
 
 
-def shed(
+def drop_debris(
     elevation_m: FloatArray,
     spacing_m: float,
     rng: np.random.Generator,

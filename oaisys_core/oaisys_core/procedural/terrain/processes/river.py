@@ -118,7 +118,7 @@ def channel_of(line: FloatArray, width: float, x: FloatArray, y: FloatArray) -> 
     )
 
 
-def bed(channel: Channel, alternate: float) -> FloatArray:
+def channel_depth(channel: Channel, alternate: float) -> FloatArray:
     """Return the depth below the banks within a channel, in mean depths, 0 at its sides.
 
     The deepest line lies at the outer side of bends, and point bars at their inner side; in

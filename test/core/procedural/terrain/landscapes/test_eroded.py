@@ -11,7 +11,7 @@ from oaisys_core.config.sections.erosion import BedsConfig, ErosionConfig
 from oaisys_core.config.sections.stage import StageConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.terrain.landscapes import kept as keeping
-from oaisys_core.procedural.terrain.landscapes.eroded import eroded
+from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.presets import make_ground
 from oaisys_core.scene import HeightField
 
@@ -29,12 +29,12 @@ def no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("beds", [None, BedsConfig()])
 def test_any_preset_erodes_into_the_same_bytes_each_time(beds: BedsConfig | None) -> None:
     before, config = ground(), ErosionConfig(age=0.1, beds=beds)
-    one, other = (eroded(before, config, np.random.default_rng(3)) for _ in range(2))
+    one, other = (erode_ground(before, config, np.random.default_rng(3)) for _ in range(2))
     assert np.array_equal(one.elevation_m, other.elevation_m)
     change_m = one.elevation_m - before.elevation_m
     assert change_m.min() < -0.3
     assert np.isfinite(change_m).all()
-    other_seed = eroded(before, config, np.random.default_rng(4))
+    other_seed = erode_ground(before, config, np.random.default_rng(4))
     assert not np.array_equal(one.elevation_m, other_seed.elevation_m)
 
 
@@ -43,7 +43,7 @@ def test_any_preset_erodes_into_the_same_bytes_each_time(beds: BedsConfig | None
 def test_narrow_grids_erode(shape: tuple[int, int]) -> None:
     heights = np.random.default_rng(0).random(shape).astype(np.float32)
     config = ErosionConfig(beds=BedsConfig())
-    after = eroded(HeightField(heights, (0.0, 0.0), 1.0), config, np.random.default_rng(0))
+    after = erode_ground(HeightField(heights, (0.0, 0.0), 1.0), config, np.random.default_rng(0))
     assert np.isfinite(after.elevation_m).all()
 
 
@@ -51,7 +51,7 @@ def test_narrow_grids_erode(shape: tuple[int, int]) -> None:
 def test_an_elevation_model_keeps_its_means_over_pixels() -> None:
     before = ground(161)
     pixel = 8
-    after = eroded(
+    after = erode_ground(
         before, ErosionConfig(age=0.2), np.random.default_rng(3), pixel * before.spacing_m
     )
     change_m = (after.elevation_m - before.elevation_m)[:160, :160].astype(float)
@@ -63,7 +63,7 @@ def test_an_elevation_model_keeps_its_means_over_pixels() -> None:
 def test_erosion_below_the_posting_wants_a_finer_grid() -> None:
     before = ground()
     with pytest.raises(InvalidInputError, match="ground_spacing_m of at most two thirds"):
-        eroded(before, ErosionConfig(), np.random.default_rng(0), before.spacing_m)
+        erode_ground(before, ErosionConfig(), np.random.default_rng(0), before.spacing_m)
 
 
 def test_a_ground_is_made_once_and_read_afterwards(
@@ -77,15 +77,15 @@ def test_a_ground_is_made_once_and_read_afterwards(
         return np.arange(12.0).reshape(3, 4)
 
     for _ in range(3):
-        heights = keeping.kept("test", ("a", 1), np.random.default_rng(0), make)
+        heights = keeping.make_once("test", ("a", 1), np.random.default_rng(0), make)
         assert np.array_equal(heights, np.arange(12.0, dtype=np.float32).reshape(3, 4))
     assert len(made) == 1
-    keeping.kept("test", ("a", 2), np.random.default_rng(0), make)
-    keeping.kept("test", ("a", 1), np.random.default_rng(1), make)
+    keeping.make_once("test", ("a", 2), np.random.default_rng(0), make)
+    keeping.make_once("test", ("a", 1), np.random.default_rng(1), make)
     assert len(made) == 3
     for file in tmp_path.rglob("*.npz"):
         file.write_bytes(b"damaged")
-    keeping.kept("test", ("a", 1), np.random.default_rng(0), make)
+    keeping.make_once("test", ("a", 1), np.random.default_rng(0), make)
     assert len(made) == 4
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oaisys_core.procedural.terrain.processes.debris import run_out, shed
+from oaisys_core.procedural.terrain.processes.debris import drop_debris, run_out
 from oaisys_core.procedural.terrain.processes.exact import tangent
 from oaisys_core.procedural.terrain.processes.flow import route
 from oaisys_core.procedural.terrain.processes.ice import moraine, troughs_around
 from oaisys_core.procedural.terrain.processes.lava import LavaFlow, cinder_cone, emplace
 from oaisys_core.procedural.terrain.processes.river import (
-    bed,
+    channel_depth,
     channel_of,
     curvature,
     cut_off,
@@ -74,7 +74,7 @@ def test_debris_comes_to_rest_or_leaves_and_lies_at_its_angle() -> None:
     rest = run_out(z, route(z, 1.0, rng), amount, tangent(35.0))
     assert (rest >= 0).all()
     assert 0 < rest.sum() <= amount.sum() + 1e-9
-    after, debris = shed(
+    after, debris = drop_debris(
         z, 1.0, rng, rock=tangent(60.0), repose=tangent(35.0), amount_m=3.0, rounds=6
     )
     assert debris[:, 40:60].sum() > 0.8 * debris.sum(), "at the foot of the wall"
@@ -106,7 +106,7 @@ def test_a_bed_is_deepest_at_the_outer_side_of_a_bend() -> None:
     line = 40.0 * np.stack((np.cos(angle), np.sin(angle)), axis=1)
     y = np.linspace(36.0, 44.0, 41)[:, None]
     channel = channel_of(line, 10.0, np.zeros_like(y), y)
-    depth = bed(channel, 0.5)[:, 0]
+    depth = channel_depth(channel, 0.5)[:, 0]
     # The circle runs counter-clockwise: its outer side is away from the origin.
     assert np.argmax(depth) > 25
     assert channel.across[:, 0] == pytest.approx((40.0 - y[:, 0]) / 5.0, abs=0.02)
