@@ -165,7 +165,8 @@ def topic_counts(description: DriveDescription) -> dict[str, int]:
             for name in ("image_raw", "camera_info"):
                 counts[f"/{image_topic(namespace, modality, name)}"] = due[camera.name]
             if semantic_level(modality) is not None:
-                counts[f"/{namespace}/{modality}/labels"] = 1
+                for legend in ("labels", "label_info"):
+                    counts[f"/{namespace}/{modality}/{legend}"] = 1
     for lidar in info.lidars:
         counts[f"/{sensor_namespace(lidar.name, info.lidars, 'lidar')}/points"] = due[lidar.name]
     for imu in info.imus:

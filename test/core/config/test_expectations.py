@@ -90,7 +90,7 @@ def test_whatever_is_wrong_is_told_without_pydantic_s_words() -> None:
     [
         (
             {"render": {"quality": "x"}},
-            "received 'x', expected 'geometry', 'preview', 'standard', 'high' or 'final'",
+            "received 'x', expected 'geometry', 'draft', 'preview', 'standard', 'high' or 'final'",
         ),
         ({"seed": -1}, "seed: received -1, expected a number of at least 0"),
         ({"seed": "x"}, "seed: received 'x', expected a whole number"),
@@ -200,7 +200,7 @@ def test_a_fault_below_a_kind_has_the_line_of_its_own_key(tmp_path: Path) -> Non
 
 
 def test_options_and_metadata_are_refused_in_the_same_words() -> None:
-    qualities = "'geometry', 'preview', 'standard', 'high' or 'final'"
+    qualities = "'geometry', 'draft', 'preview', 'standard', 'high' or 'final'"
     with pytest.raises(InvalidInputError) as found:
         adjust(SimulationConfig(), quality="x")
     assert str(found.value) == f"render.quality: received 'x', expected {qualities}"

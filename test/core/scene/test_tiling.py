@@ -40,7 +40,8 @@ def test_weights_sum_to_one_and_mixtures_have_no_seam(name: str) -> None:
     assert samples.weights.min() >= 0
 
     def mixed(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        places, weights = tiling.samples(at)
+        samples = tiling.samples(at)
+        places, weights = samples.uv_tiles, samples.weights
         wave = np.cos(2 * np.pi * places).sum(axis=-1)
         return np.asarray((weights * wave).sum(axis=0))
 

@@ -71,6 +71,7 @@ TYPES = {
     "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
     "/camera/semantic_0/image_raw": "sensor_msgs/msg/Image",
     "/camera/semantic_0/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/camera/semantic_0/label_info": "vision_msgs/msg/LabelInfo",
     "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
     "/lidar/points": "sensor_msgs/msg/PointCloud2",
     "/imu/data_raw": "sensor_msgs/msg/Imu",
@@ -117,6 +118,7 @@ def test_the_bag_holds_what_was_due(messages: dict[str, list[Any]]) -> None:
         "/clock": 100,
         "/tf": 100,
         "/tf_static": 1,
+        "/camera/semantic_0/label_info": 1,
         "/camera/semantic_0/labels": 1,
     }
 
@@ -217,7 +219,11 @@ def test_legends_and_mounts_are_latched(drive: Path) -> None:
         for name, topic in topics.items()
         if topic.qos_profiles[0]["durability"] == "transient_local"
     }
-    assert latched == {"/tf_static", "/camera/semantic_0/labels"}
+    assert latched == {
+        "/tf_static",
+        "/camera/semantic_0/labels",
+        "/camera/semantic_0/label_info",
+    }
     assert {topic.qos_profiles[0]["reliability"] for topic in topics.values()} == {"reliable"}
 
 
