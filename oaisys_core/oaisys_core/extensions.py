@@ -10,6 +10,8 @@ Extensions are imported only when they are used, so a broken one does not affect
 * `PASSES`: a `GeometryPass` subclass, used as a modality.
 * `EFFECTS`: an `EnvironmentEffect` subclass, used in ``environment.effects``.
 * `DATASET_FORMATS`: a `DatasetFormat` subclass, used by ``oaisys dataset export --format``.
+* `POSE_READERS`: a function ``(Path, PoseSelection) -> PoseTable``; ``mcap`` reads
+  the poses of bags.
 * `DRIVE_RECORDERS`: a function ``(DriveDescription) -> DriveRecorder``; ``bag`` is used by ``oaisys
   drive``.
 * `DRIVE_REPORTS`: a function ``(RecordedDrive, Callable[[str], None]) -> Path`` that writes a
@@ -31,6 +33,7 @@ SCATTERERS = "oaisys.scatterers"
 PASSES = "oaisys.passes"
 EFFECTS = "oaisys.environment_effects"
 DATASET_FORMATS = "oaisys.dataset_formats"
+POSE_READERS = "oaisys.pose_readers"
 DRIVE_RECORDERS = "oaisys.drive_recorders"
 DRIVE_REPORTS = "oaisys.drive_reports"
 

@@ -15,7 +15,7 @@ PosesOption = Annotated[
     typer.Option(
         "--poses",
         help="File of poses, one per view: CSV as poses.csv, TUM, EuRoC, KITTI, COLMAP's "
-        "images.txt, transforms.json.",
+        "images.txt, transforms.json, MCAP bag.",
     ),
 ]
 PosesCameraOption = Annotated[

@@ -115,6 +115,11 @@ def _folder(path: Path, info: ValidationInfo) -> Path:
     return found
 
 
+def _file_or_folder(path: Path, info: ValidationInfo) -> Path:
+    found = _absolute(path, info)
+    return _folder(path, info) if _holds(found.is_dir) else _file(path, info)
+
+
 def _absolute(path: Path, info: ValidationInfo) -> Path:
     roots = _confinement.get()
     if roots is not None:
@@ -162,3 +167,6 @@ ConfigFile = Annotated[Path, AfterValidator(_file)]
 
 ConfigFolder = Annotated[Path, AfterValidator(_folder)]
 """An existing folder; relative paths start from the folder of the configuration file."""
+
+ConfigPath = Annotated[Path, AfterValidator(_file_or_folder)]
+"""An existing file or folder, such as a bag; relative paths start as those of `ConfigFile`."""

@@ -59,7 +59,7 @@ class BagReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._files = _files_of(path)
+        self._files = files_of_bag(path)
         self.topics: Mapping[str, RecordedTopic] = {
             topic.name: topic for file in self._files for topic in _topics_of(file)
         }
@@ -92,7 +92,7 @@ def mcap_file(path: Path) -> Path:
     return files[0]
 
 
-def _files_of(path: Path) -> Sequence[Path]:
+def files_of_bag(path: Path) -> Sequence[Path]:
     """Return the files of a bag in their order."""
     listing = path / METADATA_FILE
     if listing.is_file():

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from oaisys_core.config.section import Positive, Section, Vector3
-from oaisys_core.files.path_fields import ConfigFile
+from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
 Waypoint = tuple[float, float] | Vector3
 
@@ -100,7 +100,7 @@ class RecordedMotionConfig(Section):
     """
 
     kind: Literal["file"]
-    path: ConfigFile
+    path: ConfigPath
     times_file: ConfigFile | None = None
     camera: str | None = None
     topic: str | None = None
@@ -158,7 +158,7 @@ class DriveConfig(Section):
 
     vehicle: AnyVehicle = RoverConfig()
     waypoints_m: tuple[Waypoint, ...] = ()
-    waypoints_file: ConfigFile | None = None
+    waypoints_file: ConfigPath | None = None
     waypoints_topic: str | None = None
     duration_s: Positive | None = None
     gravity: Gravity = "earth"

@@ -20,7 +20,7 @@ from oaisys_core.config.section import (
     Section,
     Vector3,
 )
-from oaisys_core.files.path_fields import ConfigFile
+from oaisys_core.files.path_fields import ConfigPath
 
 MAX_ELEVATION_DEG = 89.9
 """Limit up to which a rig that looks at a target has a defined upright orientation."""
@@ -87,7 +87,7 @@ class CsvMotion(MotionConfig):
 
     Attributes:
         path: File of poses, relative to the configuration file: CSV as ``poses.csv``, TUM, EuRoC,
-            KITTI, COLMAP's ``images.txt``, ``transforms.json``.
+            KITTI, COLMAP's ``images.txt``, ``transforms.json``; or an MCAP bag.
         columns: Names of the columns of a file without a header, such as sample_id, x_m, y_m, z_m,
             qw, qx, qy, qz; None if the first line is a header.
         camera: Camera whose optical frame the poses are of; None: the first camera for KITTI,
@@ -99,7 +99,7 @@ class CsvMotion(MotionConfig):
     """
 
     kind: Literal["csv"]
-    path: ConfigFile
+    path: ConfigPath
     columns: tuple[str, ...] | None = None
     camera: str | None = None
     topic: str | None = None

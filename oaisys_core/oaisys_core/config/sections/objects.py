@@ -19,7 +19,7 @@ from oaisys_core.config.section import (
     Scale,
     Section,
 )
-from oaisys_core.files.path_fields import ConfigFile
+from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -109,7 +109,7 @@ class TrajectoryConfig(Section):
     step_m: float = Field(default=0.5, ge=0)
     speed_m_s: float | None = Field(default=None, ge=0, le=1000)
     start_m: float = Field(default=0.0, ge=0)
-    csv: ConfigFile | None = None
+    csv: ConfigPath | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> TrajectoryConfig:

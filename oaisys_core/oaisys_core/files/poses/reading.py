@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core import extensions
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.files.documents import MAX_ROW_BYTES, open_regular, parse_json, read_text
 from oaisys_core.files.poses import colmap, nerf_frames, tables
 from oaisys_core.files.poses.records import (
@@ -19,12 +22,19 @@ from oaisys_core.files.poses.records import (
 )
 
 MAX_BYTES = MAX_POSES * MAX_ROW_BYTES
+MCAP = b"\x89MCAP0\r\n"
+ZSTD = b"\x28\xb5\x2f\xfd"
+MOST_FILES = 100_000
+"""Names of a folder that are looked at."""
+
+PoseReader = Callable[[Path, PoseSelection], PoseTable]
+
 HEAD_BYTES = 65_536
 """Bytes at a file's beginning that tell its format."""
 
 KNOWN = (
     "a CSV file with x_m, y_m, z_m, qx, qy, qz, qw, EuRoC's CSV, a TUM or KITTI file, COLMAP's"
-    " images.txt or images.bin, or transforms.json"
+    " images.txt or images.bin, transforms.json, or an MCAP bag"
 )
 """The formats, for errors."""
 
@@ -33,8 +43,7 @@ CONVERTED = {
     " rosbags-convert --src FILE --dst FOLDER --dst-storage mcap an MCAP bag",
     b"SQLite format 3": "an SQLite bag of ROS 2: evo_traj bag2 FOLDER TOPIC --save_as_tum makes a"
     " TUM file of it, rosbags-convert --src FOLDER --dst FOLDER2 --dst-storage mcap an MCAP bag",
-    b"\x89MCAP0": "an MCAP bag: evo_traj mcap FILE TOPIC --save_as_tum makes a TUM file of it",
-    b"\x28\xb5\x2f\xfd": "compressed as a whole: zstd -d FILE",
+    ZSTD: "compressed as a whole: zstd -d FILE",
     b"\x1f\x8b": "compressed as a whole: gunzip FILE",
     b"PK\x03\x04": "an archive: unzip FILE",
 }
@@ -90,11 +99,15 @@ def is_named_columns_file(path: Path) -> bool:
 
 
 def _read(path: Path, selection: PoseSelection) -> PoseTable:
+    if path.is_dir():
+        return _read_folder(path, selection)
     with open_regular(path, colmap.MAX_MODEL_BYTES) as file:
         head = file.read(HEAD_BYTES)
     for first_bytes, what in CONVERTED.items():
         if head.startswith(first_bytes):
             raise InvalidInputError(FIELD, str(path), f"{KNOWN}. It is {what}")
+    if head.startswith(MCAP):
+        return _read_bag(path, selection)
     for name in ("topic", "frame"):
         if getattr(selection, name) is not None:
             expected = f"none, because {path.name} is no bag"
@@ -108,6 +121,31 @@ def _read(path: Path, selection: PoseSelection) -> PoseTable:
     if text.lstrip().startswith(("{", "[")):
         return _read_json(path, parse_json(text))
     return _read_text(path, text, selection)
+
+
+def _read_folder(path: Path, selection: PoseSelection) -> PoseTable:
+    names = sorted(file.name for file in islice(path.iterdir(), MOST_FILES))
+    if any(name.endswith(".mcap") for name in names):
+        return _read_bag(path, selection)
+    if any(name.endswith(".db3") for name in names):
+        expected = f"{KNOWN}. It is {CONVERTED[b'SQLite format 3']}"
+    elif any(name.endswith((".mcap.zstd", ".db3.zstd")) for name in names):
+        expected = f"{KNOWN}. Its files are {CONVERTED[ZSTD]}"
+    else:
+        expected = f"{KNOWN}; a folder is read if it is an MCAP bag"
+    raise InvalidInputError(FIELD, str(path), expected)
+
+
+def _read_bag(path: Path, selection: PoseSelection) -> PoseTable:
+    try:
+        read: PoseReader = extensions.load(extensions.POSE_READERS, "mcap")
+    except ConfigError as error:
+        expected = (
+            "an installed package oaisys_ros_bridge, which reads MCAP bags, or a TUM file, which"
+            f" evo_traj mcap FILE TOPIC --save_as_tum makes of one ({error})"
+        )
+        raise InvalidInputError(FIELD, str(path), expected) from error
+    return read(path, selection)
 
 
 def _read_text(path: Path, text: str, selection: PoseSelection) -> PoseTable:
