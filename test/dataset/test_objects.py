@@ -51,7 +51,7 @@ POSES = {
 def objects(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     folder = tmp_path_factory.mktemp("objects")
     lens = {"k1": -0.25, "k2": 0.06, "p1": 0.002, "p2": -0.001}
-    size = {"width_px": 64, "height_px": 48, "fx_px": 52.0, "fy_px": 50.0}
+    size: dict[str, Any] = {"width_px": 64, "height_px": 48, "fx_px": 52.0, "fy_px": 50.0}
     size["modalities"] = ["rgb", "depth", "semantic_0", "instance"]
     fisheye = {**size, "name": "fisheye", "fisheye": {"k1": 0.01}, "fx_px": 25.0, "fy_px": 25.0}
     cameras = [{**size, "name": "camera"}, {**size, "name": "lens", "distortion": lens}, fisheye]

@@ -10,8 +10,8 @@ from PIL import Image
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.files.calibrations.reading import read_robot_file
-from tools.gallery.imports.pictures import MOST_BYTES, TILE_PX, write_sheet
-from tools.gallery.imports.worlds import make_worlds
+from tools.gallery.imports.pictures import MOST_BYTES, write_sheet
+from tools.gallery.imports.worlds import TILE_PX, make_worlds
 
 
 def test_ten_worlds_can_be_rendered(tmp_path: Path) -> None:

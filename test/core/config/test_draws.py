@@ -199,10 +199,8 @@ def test_the_names_of_all_choices_are_checked() -> None:
     (fault,) = name_faults(config_from_mapping({"stage": {"preset": ["mounds", "canyn"]}}))
     assert fault.startswith("stage.preset: received 'canyn'")
     assert "did you mean canyon" in fault
-    variants = [
-        {"name": "a", "materials": {"layers": [{"texture": ["sand", "snad"], "label": "s"}]}}
-    ]
-    variants[0]["materials"]["layers"][0]["semantic_id"] = 1
+    layer = {"texture": ["sand", "snad"], "label": "s", "semantic_id": 1}
+    variants = [{"name": "a", "materials": {"layers": [layer]}}]
     (fault,) = name_faults(config_from_mapping({"variants": variants}))
     assert "received 'snad'" in fault
 

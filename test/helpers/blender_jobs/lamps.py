@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from synthetic_worlds import settings
 
 from oaisys_core.render.blender import BlenderBackend, cycles
-from oaisys_core.render.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV
 from oaisys_core.types import RGB, Progress
 from tools.bench.cycles_passes import FILTER_WIDTH_PX
 

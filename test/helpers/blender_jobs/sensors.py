@@ -12,9 +12,9 @@ from synthetic_worlds import settings
 from oaisys_core.config import config_from_mapping
 from oaisys_core.render.base import Backend
 from oaisys_core.render.blender import BlenderBackend
-from oaisys_core.render.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import CaptureId
+from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, LidarScan, Progress
 

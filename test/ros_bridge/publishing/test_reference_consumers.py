@@ -6,6 +6,7 @@ the published camera; points by OpenCV's `projectPoints`; transforms by SciPy.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import cv2
@@ -197,7 +198,7 @@ def test_a_right_camera_can_have_its_own_frame(stage: Stage) -> None:
     assert user.set_pose(pose_looking_at((-4.0, 3.0, 4.0), (1.0, -0.5, 1.2))).success
     for each in heard:
         topics_of = (f"{each}/camera_info", f"{each}/image_raw")
-        info, image = (user.wait_until(lambda t=t: user.received[t])[0] for t in topics_of)
+        info, image = (user.wait_until(partial(user.received.get, t))[0] for t in topics_of)
         assert info.header == image.header
         assert info.header.frame_id == f"{each.partition('/')[0]}_optical_frame"
         assert info.p[3] == 0.0

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config import config_from_mapping
+from oaisys_core.config.sections.lidars import RotatingScanConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations import Calibration, read_calibration
 from oaisys_core.files.calibrations.reading import read_robot_file
@@ -192,6 +193,7 @@ def test_a_turn_has_each_direction_once(
     )
     found = read(robot(on("mast", text)), tmp_path)
     scan = config_from_mapping({"sensors": sensors_section(found)}).sensors.lidars[0].scan
+    assert isinstance(scan, RotatingScanConfig)
     assert scan.azimuth_steps == columns
     step = math.degrees(most - least) / max(samples - 1, 1)
     wide = scan.azimuth_max_deg - scan.azimuth_min_deg

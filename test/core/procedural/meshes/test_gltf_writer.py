@@ -37,6 +37,9 @@ def test_a_mesh_comes_back(tmp_path: Path) -> None:
     wanted = mesh()
     write_glb(tmp_path / "bot.glb", wanted)
     found = load_mesh(tmp_path / "bot.glb")
+    assert found.material_of is not None
+    assert found.uv is not None
+    assert wanted.uv is not None
     corners = found.triangles[np.argsort(found.material_of)].ravel()
     np.testing.assert_allclose(
         found.vertices_m[corners], wanted.vertices_m[wanted.triangles.ravel()], atol=1e-6
@@ -52,9 +55,13 @@ def test_a_mesh_comes_back(tmp_path: Path) -> None:
         np.testing.assert_allclose(a.color_srgb, b.color_srgb, atol=1e-6)
         assert a.wrap == b.wrap
     first, _, leaf = found.materials
-    np.testing.assert_array_equal(first.color_image_srgb, wanted.materials[0].color_image_srgb)
+    image, opacity = wanted.materials[0].color_image_srgb, wanted.materials[2].opacity
+    assert first.color_image_srgb is not None
+    assert image is not None
+    np.testing.assert_array_equal(first.color_image_srgb, image)
     assert leaf.opacity is not None
-    np.testing.assert_array_equal(leaf.opacity, wanted.materials[2].opacity)
+    assert opacity is not None
+    np.testing.assert_array_equal(leaf.opacity, opacity)
 
 
 def test_trimesh_reads_it_with_y_up(tmp_path: Path) -> None:

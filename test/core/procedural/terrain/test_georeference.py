@@ -41,7 +41,8 @@ def write(path: Path, crs: str, transform: Affine) -> tuple[float, float]:
     system = CRS.from_user_input(crs)
     to_degrees = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
     columns, rows = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
-    lon, lat = to_degrees.transform(*(transform * (columns, rows)))
+    at = transform.c + transform.a * columns, transform.f + transform.e * rows
+    lon, lat = to_degrees.transform(*at)
     middle = (float(lon[SIZE // 2, SIZE // 2]), float(lat[SIZE // 2, SIZE // 2]))
     geod = system.get_geod()
     assert geod is not None

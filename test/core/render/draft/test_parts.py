@@ -21,6 +21,7 @@ from oaisys_core.render.draft.texture_atlas import TextureAtlas
 from oaisys_core.render.draft.visibility import SkyVisibility
 from oaisys_core.render.draft.water import fresnel
 from oaisys_core.scene import HeightField
+from oaisys_core.scene.sky import SkyModel
 from oaisys_core.sensing.view_transforms import FILMS, show
 
 UP = np.array([(0, 0, 1)], np.float32)
@@ -34,7 +35,7 @@ def test_the_sky_is_as_bright_as_daylight_says(elevation_deg: float) -> None:
 
 
 @pytest.mark.parametrize("model", ["atmosphere", "plain"])
-def test_level_surfaces_get_the_irradiance_of_the_sky(model: str) -> None:
+def test_level_surfaces_get_the_irradiance_of_the_sky(model: SkyModel) -> None:
     sky = replace(SUNNY, model=model)
     found = SkyLight(sky).irradiance(UP)[0]
     np.testing.assert_allclose(found, sky_irradiance_w_m2(sky), rtol=0.06)

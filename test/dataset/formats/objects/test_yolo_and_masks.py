@@ -47,9 +47,9 @@ def test_boxes_of_yolo_are_those_of_the_pixels(known: Dataset, tmp_path: Path) -
                 number, *shares = line.split()
                 x, y, w, h = (float(each) for each in shares)
                 assert 0 <= x <= 1
-                box = ((x - w / 2) * width, (y - h / 2) * height)
+                start = ((x - w / 2) * width, (y - h / 2) * height)
                 end = ((x + w / 2) * width, (y + h / 2) * height)
-                found.add((data["names"][int(number)], *(round(v) for v in (*box, *end))))
+                found.add((data["names"][int(number)], *(round(v) for v in (*start, *end))))
                 lines += 1
             assert found == wanted
     assert lines

@@ -14,7 +14,7 @@ from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.errors import BackendUnavailableError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_grpc.server.servicer import REASON_KEY
+from oaisys_grpc.contract.errors import REASON_KEY
 from oaisys_grpc.server.supervision.worker_limits import (
     CRASH_WINDOW_S,
     CRASHES_ALLOWED,

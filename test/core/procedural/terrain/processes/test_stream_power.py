@@ -56,7 +56,7 @@ def test_a_knickpoint_travels_at_the_celerity_of_the_law() -> None:
 
 
 def test_what_water_carries_out_and_lays_down_was_there_before() -> None:
-    z = 20 * rough()
+    z = np.asarray(20 * rough(), np.float64)
     work = run_water(z, route(z, 1.0, None), 1.0, 0.3, deposition=0.8)
     inner_loss = (z - work.elevation_m).sum()
     assert 0 < inner_loss < (z - z.min()).sum()
@@ -65,7 +65,7 @@ def test_what_water_carries_out_and_lays_down_was_there_before() -> None:
 
 
 def test_water_never_cuts_below_its_base_nor_raises_spikes() -> None:
-    z = 50 * rough()
+    z = np.asarray(50 * rough(), np.float64)
     after = run_water(z, route(z, 1.0, None), 1.0, 100.0).elevation_m
     assert after.min() >= z.min()
     assert (after <= z + 1e-12).all()
