@@ -13,8 +13,6 @@ from oaisys_core.types import FloatArray, ShortRepr
 
 _LEAST_POINTS = 3
 """Heights in a window through which there is a plane."""
-_LARGEST_RADIUS = 50
-"""Of a window, in cells."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def ground_layers(grid: GroundGrid, rover: Rover) -> dict[str, NDArray[np.float3
 def _fit_planes(grid: GroundGrid, radius_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return slope, roughness and step of the plane around each cell, see `ground_layers`."""
     cell_m = grid.place.cell_m
-    cells = int(np.clip(round(radius_m / cell_m), 1, _LARGEST_RADIUS))
+    cells = max(round(radius_m / cell_m), 1)
     middle_m = float(np.nanmean(grid.elevation_m)) if np.isfinite(grid.elevation_m).any() else 0.0
     heights_m = grid.elevation_m.astype(np.float64) - middle_m  # small, for the sums' digits
     moments = np.zeros((6, *heights_m.shape))

@@ -21,6 +21,10 @@ LINE_EVERY_S = 5.0
 BAR_EVERY_S = 0.5
 _BAR_WIDTH = 20
 
+_OWNER = Path(__file__).parents[2] / "oaisys_core/oaisys_core/system/owner.py"
+_WITH_OWNER = (sys.executable, "-I", "-S", str(_OWNER))
+"""Has a program end if the set-up is killed; by its file, as nothing is installed yet."""
+
 
 @dataclass(frozen=True)
 class ProgramProgress:
@@ -143,7 +147,7 @@ class Programs:
                 raise SetupError("stopped")
             # In a session of its own, so that its children can be ended with it.
             process = subprocess.Popen(
-                command,
+                [*_WITH_OWNER, str(os.getpid()), str(int(signal.SIGTERM)), *command],
                 env=dict(variables),
                 stdin=subprocess.DEVNULL,
                 stdout=output,

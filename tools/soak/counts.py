@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 
+from oaisys_core.system.owner import command_with_owner
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.message_definition import message_class
@@ -82,7 +83,8 @@ def _gauge_of(process: psutil.Process) -> Gauge:
 @contextlib.contextmanager
 def busy_loops(count: int) -> Iterator[None]:
     """Run busy loops during the block, to load the machine's cores."""
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    command = command_with_owner([sys.executable, "-c", "while True: pass"])
+    loops = [subprocess.Popen(command) for _ in range(count)]
     try:
         yield
     finally:

@@ -12,6 +12,7 @@ from oaisys_ros_bridge.parameters.table import ParameterRow
 MAX_LENGTH_M = 1000.0
 MAX_CELLS = 1000
 """Along an edge."""
+MAX_RADIUS_CELLS = 20
 
 
 def ground_map_rows(length_m: float, period_s: float) -> tuple[ParameterRow, ...]:
@@ -61,7 +62,8 @@ def ground_map_rows(length_m: float, period_s: float) -> tuple[ParameterRow, ...
         ParameterRow(
             "ground_map.radius_m",
             0.4,
-            "Radius of the rover: slope, roughness and steps are those within it.",
+            "Radius of the rover, within which slope, roughness and steps are found; at most "
+            f"{MAX_RADIUS_CELLS} cells.",
             unit="m",
             least=0.01,
             most=50.0,
@@ -70,7 +72,7 @@ def ground_map_rows(length_m: float, period_s: float) -> tuple[ParameterRow, ...
 
 
 def check_ground_map(values: Mapping[str, Any]) -> None:
-    """Raise `InvalidInputError` where a map of the ground would have too many cells.
+    """Raise `InvalidInputError` where a map of the ground would take too long.
 
     No rule of the tables: edge and cells could then not be changed one after the other.
     """
@@ -78,6 +80,10 @@ def check_ground_map(values: Mapping[str, Any]) -> None:
     if length_m > MAX_CELLS * cell_m:
         expected = f"at least {length_m / MAX_CELLS:g} m with a map of {length_m:g} m"
         raise InvalidInputError("ground_map.resolution_m", cell_m, expected)
+    radius_m = values["ground_map.radius_m"]
+    if radius_m > MAX_RADIUS_CELLS * cell_m:
+        expected = f"at most {MAX_RADIUS_CELLS} cells, {MAX_RADIUS_CELLS * cell_m:g} m"
+        raise InvalidInputError("ground_map.radius_m", radius_m, expected)
 
 
 def rover_of(values: Mapping[str, Any]) -> Rover:

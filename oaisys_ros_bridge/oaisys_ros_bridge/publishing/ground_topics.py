@@ -80,8 +80,11 @@ class GroundTopics:
 
     def publish_new(self) -> None:
         """Publish the ground around the newest view if that is due and somebody subscribes."""
-        values, view = self._settings(), self._newest_view()
-        if not values["ground_map.length_m"] or view is None or not self._has_subscribers():
+        values = self._settings()
+        if not values["ground_map.length_m"] or not self._has_subscribers():
+            return
+        view = self._newest_view()
+        if view is None:
             return
         period_s = values["ground_map.period_s"]
         if view.number == self._published if not period_s else not self._is_due(period_s):

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
+from oaisys_core.system.owner import command_with_owner
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
@@ -44,6 +45,7 @@ def _busy(count: int) -> Iterator[None]:
     """Run so many endless loops beside the block."""
     with ExitStack() as loops:
         for _ in range(count):
-            loop = loops.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+            command = command_with_owner([sys.executable, "-c", "while True: pass"])
+            loop = loops.enter_context(subprocess.Popen(command))
             loops.callback(loop.kill)
         yield
