@@ -125,7 +125,7 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
     try:
         import ray
     except ImportError as error:
-        raise ConfigError(f"{error}; `pip install oaisys_core[dataset]` installs Ray") from error
+        raise ConfigError(f"{error}; `pip install oaisys_dataset[all]` installs Ray") from error
     address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
     connected = _connect if address else _embed
     with connected(ray, settings, address or "local") as folder:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.errors import ConfigError, InvalidInputError, NotFoundError
 from oaisys_core.types import FloatArray, LidarScan, ShortRepr
 from oaisys_dataset.manifest import (
     DatasetInfo,
@@ -217,9 +217,13 @@ class Dataset(Sequence[DatasetSample]):
             NotFoundError: The world has none: no camera has ``instance``, or it was rendered by an
                 earlier version.
             InvalidInputError: It cannot be read.
+            ConfigError: pyarrow is not installed.
         """
-        from oaisys_dataset.objects import decode_objects
-
+        try:
+            from oaisys_dataset.objects import decode_objects
+        except ImportError as error:
+            text = "`oaisys_dataset[objects]` has what tables of objects need"
+            raise ConfigError(f"{error}; {text}") from error
         if self._held_objects is None or self._held_objects[0] != world:
             name = objects_name(world)
             self._held_objects = (world, decode_objects(self.place.read(name), name))
@@ -231,9 +235,10 @@ class Dataset(Sequence[DatasetSample]):
         Raises:
             NotFoundError, InvalidInputError: See `objects_table`.
         """
+        table = self.objects_table(record.world)
         from oaisys_dataset.objects import rows_of_frame
 
-        return rows_of_frame(self.objects_table(record.world), record.frame_id)
+        return rows_of_frame(table, record.frame_id)
 
     def scan_record(self, scan_id: str) -> ScanRecord | None:
         """Return the record of a lidar scan by its id; None if there is no such scan."""

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
-from oaisys_core.output import tiff
 from oaisys_core.output.images import decode_image, encode_image, file_kind
 from oaisys_core.types import (
     INSTANCE,
@@ -258,6 +257,8 @@ def encode_pixels(pixels: NDArray[Any]) -> tuple[str, bytes]:
     Inverse: `oaisys_core.output.images.decode_image`.
     """
     if pixels.dtype.kind == "f":
+        from oaisys_core.output import tiff
+
         return ".tif", tiff.encode_floats(pixels)
     return file_kind(pixels), encode_image(pixels)
 

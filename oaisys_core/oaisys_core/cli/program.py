@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from oaisys_core.system.owner import follow_owner
 from oaisys_core.system.signals import exit_at_signals
 from oaisys_core.system.standard_streams import open_standard_streams
@@ -12,6 +14,11 @@ def main() -> None:
     exit_at_signals()
     follow_owner()
     open_standard_streams()
-    from oaisys_core.cli.main import run_program
-
+    try:
+        from oaisys_core.cli.main import run_program
+    except ModuleNotFoundError as error:
+        if (error.name or "oaisys").startswith("oaisys"):
+            raise
+        # `pip install oaisys_core` alone is what readers of its files need.
+        sys.exit(f"oaisys: {error}; pip install 'oaisys_core[simulator]' installs what it needs")
     run_program()

@@ -6,9 +6,8 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import yaml
 from pydantic import ValidationError
 
 from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
@@ -16,6 +15,9 @@ from oaisys_core.config.model import SimulationConfig
 from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
 from oaisys_core.files.path_fields import BASE
+
+if TYPE_CHECKING:
+    import yaml
 
 
 def load_config(path: Path) -> SimulationConfig:
@@ -103,6 +105,8 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
 
 def _line_of(node: yaml.Node | None, loc: Iterable[int | str]) -> int | None:
     """Return the line (from 1) of the deepest node of a path that is in the file."""
+    import yaml
+
     if node is None:
         return None
     for part in loc:

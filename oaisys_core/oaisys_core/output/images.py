@@ -17,12 +17,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.files.images import FRAME, decode_pixels, read_file
+from oaisys_core.output import plain_images
 from oaisys_core.output.exr import GREY, decode_channels, encode_channels
 from oaisys_core.output.files import write_bytes
 from oaisys_core.types import (
@@ -89,6 +89,8 @@ def encode_image(data: NDArray[Any]) -> bytes:
         from oaisys_core.output import tiff
 
         return tiff.encode(data, compress="deflate")
+    import cv2
+
     data = data.astype(np.uint16) if data.dtype.itemsize > 2 else data
     blue_first = cv2.cvtColor(data, cv2.COLOR_RGB2BGR) if data.ndim == 3 else data
     _, png = cv2.imencode(".png", np.ascontiguousarray(blue_first))
@@ -127,9 +129,7 @@ def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
         planes = [channels[each] for each in names]
         data = planes[0] if spec.channels == 1 else np.stack(planes, axis=-1)
     elif kind == ".tif":
-        from oaisys_core.output import tiff
-
-        data = tiff.decode(file, name)
+        data = _decode_tiff(file, name)
     else:
         data = _decode_png(file, name)
     if data.shape[2:] != (() if spec.channels == 1 else (spec.channels,)):
@@ -137,6 +137,17 @@ def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
     return np.ascontiguousarray(data.astype(spec.dtype, copy=False))
 
 
+def _decode_tiff(file: bytes, name: str) -> NDArray[Any]:
+    try:
+        from oaisys_core.output import tiff
+    except ImportError:  # an installation that only reads data sets
+        return plain_images.decode_tiff(file, name)
+    return tiff.decode(file, name)
+
+
 def _decode_png(file: bytes, name: str) -> NDArray[Any]:
-    found = decode_pixels(file, FRAME, name)
+    try:
+        found = decode_pixels(file, FRAME, name)
+    except ImportError:
+        return plain_images.decode_png(file, name)
     return np.asarray(found[..., ::-1] if found.ndim == 3 else found)

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json
@@ -55,6 +54,7 @@ class RigMotion(ShortRepr):
         Raises:
             InvalidInputError: A time is outside of the motion.
         """
+        from scipy.interpolate import PPoly
         from scipy.spatial.transform import Rotation
 
         inside_s = np.clip(times_s, self.first_s, self.last_s)
@@ -64,11 +64,11 @@ class RigMotion(ShortRepr):
             raise InvalidInputError("motion.time_s", float(times_s[outside][0]), expected)
         piece = np.searchsorted(self.knots_s, inside_s, side="right") - 1
         piece = np.clip(piece, 0, len(self.quats_xyzw) - 1)
-        vectors = scipy.interpolate.PPoly(self.turns, self.knots_s)(inside_s)
+        vectors = PPoly(self.turns, self.knots_s)(inside_s)
         rotations = Rotation.from_quat(self.quats_xyzw[piece]) * Rotation.from_rotvec(vectors)
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :3, :3] = rotations.as_matrix()
-        T[:, :3, 3] = scipy.interpolate.PPoly(self.positions, self.knots_s)(inside_s)
+        T[:, :3, 3] = PPoly(self.positions, self.knots_s)(inside_s)
         return T
 
     def with_earlier_start(self, duration_s: float) -> RigMotion:

@@ -13,7 +13,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
@@ -157,13 +156,15 @@ def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
 
     The cells come from a jittered grid that never changes; only their moves are random.
     """
+    from scipy.spatial import cKDTree
+
     rng = np.random.default_rng(0)
     rows, columns = np.mgrid[:PERIOD_CELLS, :PERIOD_CELLS]
     corners = np.column_stack((columns.ravel(), rows.ravel()))
     points = corners + rng.uniform(0.1, 0.9, (PERIOD_CELLS**2, 2))
     axis = (np.arange(PERIOD_CELLS * CELL_PX) + 0.5) / CELL_PX
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    _, near = scipy.spatial.cKDTree(points, boxsize=PERIOD_CELLS).query(places, k=8)
+    _, near = cKDTree(points, boxsize=PERIOD_CELLS).query(places, k=8)
     to_first = _wrap(points[near[:, 0]] - places)
     edge = np.full(len(places), np.inf)
     for other in near[:, 1:].T:

@@ -65,7 +65,7 @@ def export_dataset(
             for file, data in described.items():
                 (part / file).write_bytes(data)
     except ImportError as error:
-        raise ConfigError(f"{name}: {error}; `oaisys_core[dataset]` has what it needs") from error
+        raise ConfigError(f"{name}: {error}; `oaisys_dataset[all]` has what it needs") from error
     except OSError as error:
         text = error.strerror or error
         raise RenderError(f"{place.url}: could not be written: {text}") from error

@@ -97,7 +97,7 @@ def open_place(where: str | Path) -> StoragePlace:
     try:
         files, root = _s3(path) if scheme == "s3" else _any(url)
     except ImportError as error:
-        raise ConfigError(f"{url}: {error}; `oaisys_core[dataset]` has what it needs") from error
+        raise ConfigError(f"{url}: {error}; `oaisys_dataset[all]` has what it needs") from error
     except (ValueError, OSError) as error:
         expected = f"a path, or a URL that fsspec can open ({error})"
         raise InvalidInputError("place", url, expected) from error
