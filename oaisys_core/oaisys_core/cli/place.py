@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from oaisys_core.errors import InvalidInputError
@@ -98,7 +98,7 @@ def _numbers(text: str, option: str, expected: str) -> Sequence[float]:
         values = [float(each) for each in text.split(",")]
     except ValueError:
         values = []
-    if len(values) not in (2, 3) or not np.isfinite(values).all():
+    if len(values) not in (2, 3) or not all(map(isfinite, values)):
         raise InvalidInputError(option, text, expected)
     return [*values, 0.0][:3]
 

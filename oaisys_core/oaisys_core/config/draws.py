@@ -218,8 +218,8 @@ def _draw(data: Any, kinds: list[Any], at: Location) -> Draw | None:
         return _written_out(data, kinds, at)
     if not isinstance(data, list) or any(map(_takes_list, kinds)):
         return None
-    if any(isinstance(each, Mapping) for each in data):
-        return None  # sections are chosen from by {choose: [...]} alone
+    if any((get_origin(kind) or kind) is dict for kind in kinds):
+        return None  # things by name
     if any(not _is_number(each) for each in data):
         return ChoiceDraw(tuple(data))
     if len(data) != 2 or not {int, float} & set(kinds):

@@ -24,6 +24,7 @@ from oaisys_core.errors import (
     RenderError,
     ShortageError,
     WorkerLostError,
+    WorkerStartingError,
 )
 from oaisys_grpc.contract.connection_advice import advice
 from oaisys_grpc.contract.faults import (
@@ -47,6 +48,7 @@ STATUS_CODES: dict[type[OaisysError], grpc.StatusCode] = {
     InvalidInputError: grpc.StatusCode.INVALID_ARGUMENT,
     ConfigError: grpc.StatusCode.INVALID_ARGUMENT,
     NotReadyError: grpc.StatusCode.FAILED_PRECONDITION,
+    WorkerStartingError: grpc.StatusCode.FAILED_PRECONDITION,
     NotFoundError: grpc.StatusCode.NOT_FOUND,
     UnknownTrajectoryError: grpc.StatusCode.NOT_FOUND,
     QueueFullError: grpc.StatusCode.RESOURCE_EXHAUSTED,
