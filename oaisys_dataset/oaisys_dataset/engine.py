@@ -99,9 +99,7 @@ class _WorldQueue:
         is_shared = place.folder is None and not place.url.startswith(MEMORY_SCHEME)
         self._url = place.url if is_shared else None
         self._retries = settings.retries
-        self._render = session.ray.remote(render_world).options(
-            num_cpus=1, memory=settings.memory_bytes, max_retries=settings.retries
-        )
+        self._render = settings.remote(session.ray, render_world)
         self._waiting: Iterator[WorldTask] = iter(())
         self._rendering = 0
         self._has_begun = False

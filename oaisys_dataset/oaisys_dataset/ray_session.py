@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +47,9 @@ WORKER_START_S = 300.0
 """Longest time until the first worker of an embedded Ray begins; it takes seconds on an idle
 machine, and Ray itself would start workers that die at once again and again, for ever."""
 
+ROUNDING = 1e-6
+"""Of shares of a GPU, such as three times 0.333334."""
+
 FOLDER = "oaisys_ray_"
 """How the name of Ray's temporary folder begins."""
 
@@ -80,17 +83,35 @@ class RaySettings:
         workers: Number of worlds that are rendered at a time; None for as many as fit.
         memory_gb: Memory that is reserved for each worker.
         retries: How often a world is rendered again after its worker or node died.
+        gpus: GPUs of each worker; a share of one is shared, and 0 asks for none, so that workers
+            see all GPUs of their machine.
     """
 
     address: str | None = None
     workers: int | None = None
     memory_gb: float = MEMORY_PER_WORKER_GB
     retries: int = 3
+    gpus: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.gpus < 0 or (self.gpus > 1 and self.gpus != int(self.gpus)):
+            expected = "a share of one GPU, or a whole number of them"
+            raise InvalidInputError("gpus_per_worker", self.gpus, expected)
 
     @property
     def memory_bytes(self) -> int:
         """Memory that is reserved for each worker."""
         return int(self.memory_gb * 1e9)
+
+    def remote(self, ray: Any, function: Callable[..., Any]) -> Any:
+        """Return a function of Ray whose tasks get what a worker needs.
+
+        Ray shows a task its GPUs alone, by ``CUDA_VISIBLE_DEVICES`` and the like. A process keeps
+        those that it has seen first, so with GPUs each task gets a process of its own.
+        """
+        gpus: dict[str, Any] = {"num_gpus": self.gpus, "max_calls": 1} if self.gpus else {}
+        asked = {"num_cpus": 1, "memory": self.memory_bytes, "max_retries": self.retries}
+        return ray.remote(**asked, **gpus)(function)
 
 
 @dataclass(frozen=True)
@@ -171,6 +192,7 @@ def _embed(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
     with _python_environment(), _guard_folder() as folder:
         _start(ray, folder, settings, address, workers)
         try:
+            _check_gpus(ray, settings)
             yield folder
         finally:
             ray.shutdown()
@@ -273,6 +295,7 @@ def _connect(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
     try:
+        _check_gpus(ray, settings)
         if not _slots(ray, settings):
             expected = "memory that a node of the cluster has"
             raise InvalidInputError("memory_per_worker", settings.memory_gb, expected)
@@ -324,11 +347,28 @@ def _guard(folder: Path) -> Iterator[None]:
 
 
 def _slots(ray: Any, settings: RaySettings) -> int:
-    """Return how many workers the nodes have room for, with one core each."""
-    return sum(
-        int(min(found.get("CPU", 0), found.get("memory", 0) // settings.memory_bytes))
-        for found in (node["Resources"] for node in ray.nodes() if node["Alive"])
-    )
+    """Return how many workers the nodes have room for, with one core and their GPUs each."""
+    total = 0
+    for found in _resources(ray):
+        slots = [found.get("CPU", 0), found.get("memory", 0) // settings.memory_bytes]
+        if settings.gpus:
+            slots.append(found.get("GPU", 0) / settings.gpus + ROUNDING)
+        total += int(min(slots))
+    return total
+
+
+def _check_gpus(ray: Any, settings: RaySettings) -> None:
+    """Raise unless a node has the GPUs of a worker: Ray would wait for them for ever."""
+    if not settings.gpus:
+        return
+    most = max((found.get("GPU", 0) for found in _resources(ray)), default=0)
+    if settings.gpus > most:
+        expected = f"at most {most:g}, which Ray finds on the machine that has most"
+        raise InvalidInputError("gpus_per_worker", settings.gpus, expected)
+
+
+def _resources(ray: Any) -> list[dict[str, float]]:
+    return [node["Resources"] for node in ray.nodes() if node["Alive"]]
 
 
 def worker_name() -> str:

@@ -49,8 +49,10 @@ class PretendedRay:
     def options(self, **_: Any) -> PretendedRay:
         return self
 
-    def remote(self, *arguments: Any) -> Any:
-        """Return itself for a function, and the parts of a world for a call."""
+    def remote(self, *arguments: Any, **options: Any) -> Any:
+        """Return itself for options and a function, and the parts of a world for a call."""
+        if options:
+            return self.remote
         if len(arguments) == 1:
             return self
         task: WorldTask = arguments[1]

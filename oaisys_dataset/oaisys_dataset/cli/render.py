@@ -50,6 +50,14 @@ def render(
     memory_per_worker: Annotated[
         float, typer.Option(help="Memory reserved for each worker, in GB.", min=0.1)
     ] = MEMORY_PER_WORKER_GB,
+    gpus_per_worker: Annotated[
+        float,
+        typer.Option(
+            help="GPUs that each worker has for itself; 0.5: two workers share one;"
+            " 0: all workers of a machine see all its GPUs.",
+            min=0,
+        ),
+    ] = 0.0,
     address: Annotated[
         str | None,
         typer.Option(
@@ -85,7 +93,7 @@ def render(
     chosen = adjust(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
     check_views_differ(chosen, views)
     names = _format_names(formats, chosen)
-    settings = RaySettings(address, num_workers, memory_per_worker)
+    settings = RaySettings(address, num_workers, memory_per_worker, gpus=gpus_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
     with rendering.begin(is_resumed=resume):
         _run(rendering, settings)
