@@ -12,6 +12,7 @@ from oaisys_core import extensions
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.files.documents import MAX_ROW_BYTES, open_regular, parse_json, read_text
 from oaisys_core.files.poses import colmap, nerf_frames, tables
+from oaisys_core.files.poses.flight_plans import is_plan
 from oaisys_core.files.poses.records import (
     FIELD,
     MAX_POSES,
@@ -167,6 +168,9 @@ def _read_text(path: Path, text: str, selection: PoseSelection) -> PoseTable:
 def _read_json(path: Path, data: Any) -> PoseTable:
     if nerf_frames.is_frames(data):
         return nerf_frames.read_frames(path, data)
+    if is_plan(data):
+        expected = "poses in metres; oaisys render --poses alone takes a plan's places in degrees"
+        raise InvalidInputError(FIELD, str(path), expected)
     found = sorted(data) if isinstance(data, dict) else data
     raise InvalidInputError(FIELD, found, f"{KNOWN}; {path} is other JSON")
 
