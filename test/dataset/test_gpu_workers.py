@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from dataset_runs import contents, run, write_config
@@ -114,8 +115,7 @@ def test_recipes_give_the_command_options_that_it_has(name: str) -> None:
     _, _, line = text.rpartition("oaisys dataset render")
     words = line.replace("\\\n", " ").split("\n\n")[0].split("entrypointNumCpus")[0].split()
     options = {word for word in words if word.startswith("--")}
-    (command,) = [
-        each for each in get_command(dataset_app).commands.values() if each.name == "render"
-    ]
+    group: Any = get_command(dataset_app)
+    command = group.commands["render"]
     known = {option for parameter in command.params for option in parameter.opts}
     assert {"--resume", "--address", "--gpus-per-worker"} <= options <= known

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def filtered_png(pixels: NDArray[np.uint8], filters: list[int]) -> bytes:
 @pytest.mark.parametrize("shape", [(1, 1), (7, 5), (48, 64), (48, 64, 3)])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_png_files_of_opencv_have_their_pixels(shape: tuple[int, ...], dtype: type) -> None:
-    pixels = RNG.integers(0, np.iinfo(dtype).max + 1, shape).astype(dtype)
+    pixels: NDArray[Any] = RNG.integers(0, np.iinfo(dtype).max + 1, shape).astype(dtype)
     found = decode_png(encode_image(pixels), "x.png")
     assert found.dtype == dtype
     assert np.array_equal(found, pixels)

@@ -59,7 +59,8 @@ def write(path: Path, items: list[Any], home: Any = "middle") -> Path:
 
 def poses(made: Simulation, path: Path) -> Any:
     requests = PoseSteps(path, PoseSelection(), None).requests(made)
-    return [request.metadata.sensor["pose"] for request in requests]
+    of_sensors: list[Any] = [request.metadata.sensor for request in requests]
+    return [each["pose"] for each in of_sensors]
 
 
 def test_waypoints_are_where_the_projection_has_them(tmp_path: Path) -> None:
