@@ -91,7 +91,6 @@ def drive(
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     drive_section(chosen)
-    make_folder(out)
     unavailable: dict[str, str] = {}
     with own_stdout():
         simulation = Simulation(chosen)
@@ -105,6 +104,7 @@ def drive(
             if not planned.sample_count():
                 expected = "a drive so long that an image or a scan is due"
                 raise InvalidInputError("drive", f"{planned.duration_s:g} s", expected)
+            make_folder(out)
             recorded = _record(simulation, planned, chosen, out, open_bag, unavailable)
         finally:
             simulation.close()
