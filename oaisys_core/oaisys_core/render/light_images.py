@@ -10,7 +10,7 @@ from oaisys_core.procedural.environment.radiometry import radiance_w_m2_sr
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.scene.image_sensor import ImageSensor
 from oaisys_core.scene.sky import Sky
-from oaisys_core.sensing.digitizing import digitize, exposure_time_s
+from oaisys_core.sensing.digitizing import digitize, electrons_per_s, exposure_time_s
 from oaisys_core.types import DIGITAL, RADIANCE
 
 
@@ -44,11 +44,13 @@ def light_images(
     physical = radiance_w_m2_sr(radiance, sky)
     if RADIANCE in camera.modalities:
         found.images[RADIANCE] = physical
+    if not wanted:
+        return found
+    sensor, name = _sensor_of(camera), camera.name
+    rate_e_s = electrons_per_s(physical, sensor)
     for modality in wanted:
-        sensor = _sensor_of(camera)
-        time_s = exposure_time_s(physical, modality, sensor)
-        name = camera.name
-        found.images[modality] = digitize(physical, modality, sensor, time_s, noise_seed, name)
+        time_s = exposure_time_s(rate_e_s, modality, sensor)
+        found.images[modality] = digitize(rate_e_s, modality, sensor, time_s, noise_seed, name)
         found.exposures[f"{name}.{modality}.exposure_time_s"] = time_s
     return found
 

@@ -29,24 +29,24 @@ SATURATED_SHARE = 0.01
 
 
 def digitize(
-    radiance_w_m2_sr: NDArray[np.float32],
+    rate_e_s: FloatArray,
     modality: str,
     sensor: ImageSensor,
     exposure_time_s: float,
     noise_seed: int,
     name: str,
 ) -> NDArray[np.uint16]:
-    """Return the digital numbers of (H, W, 3) radiance.
+    """Return the digital numbers of what pixels collect.
 
     Args:
-        radiance_w_m2_sr: In the bands red, green and blue.
+        rate_e_s: See `electrons_per_s`.
         modality: ``mono16``, ``rgb16`` or one of the Bayer patterns.
         sensor: The image sensor.
         exposure_time_s: For which it is exposed.
         noise_seed: Of the noise of this image.
         name: The camera's, on which the pixels' own gains and offsets depend.
     """
-    light_e = _on_pixels(electrons_per_s(radiance_w_m2_sr, sensor), modality) * exposure_time_s
+    light_e = _on_pixels(rate_e_s, modality) * exposure_time_s
     own = randomness.stream(0, f"{name}.image_sensor")
     gains = 1 + sensor.prnu * own.standard_normal(light_e.shape)
     offsets_e = sensor.dsnu_e * own.standard_normal(light_e.shape)
@@ -71,17 +71,15 @@ def electrons_per_s(radiance_w_m2_sr: NDArray[np.float32], sensor: ImageSensor) 
     return np.asarray(rate)
 
 
-def exposure_time_s(
-    radiance_w_m2_sr: NDArray[np.float32], modality: str, sensor: ImageSensor
-) -> float:
-    """Return the exposure time of an image: fixed, or metered.
+def exposure_time_s(rate_e_s: FloatArray, modality: str, sensor: ImageSensor) -> float:
+    """Return the exposure time of an image of such rates, see `electrons_per_s`: fixed, or metered.
 
     The meter's brings the mean to the sensor's target, but saturates at most `SATURATED_SHARE` of
     the pixels; it depends on this image alone.
     """
     if sensor.exposure_time_s is not None:
         return sensor.exposure_time_s
-    rate = _on_pixels(electrons_per_s(radiance_w_m2_sr, sensor), modality)
+    rate = _on_pixels(rate_e_s, modality)
     mean, bright = float(rate.mean()), float(np.quantile(rate, 1 - SATURATED_SHARE))
     shortest_s, longest_s = sensor.exposure_limits_s
     if mean <= 0:

@@ -33,8 +33,9 @@ def flat(level: float) -> NDArray[np.float32]:
 
 
 def numbers(level: float, seed: int = 1, sensor: Any = SENSOR, kind: str = "mono16") -> Any:
-    time_s = exposure_time_s(flat(level), kind, sensor)
-    return digitize(flat(level), kind, sensor, time_s, seed, "camera").astype(np.float64)
+    rate_e_s = electrons_per_s(flat(level), sensor)
+    time_s = exposure_time_s(rate_e_s, kind, sensor)
+    return digitize(rate_e_s, kind, sensor, time_s, seed, "camera").astype(np.float64)
 
 
 def test_photons_are_those_of_a_black_body() -> None:
@@ -102,8 +103,10 @@ def test_each_pixel_of_a_mosaic_has_its_band(kind: str, bands: list[list[int]]) 
     quiet = replace(SENSOR, read_noise_e=0.0, dark_current_e_s=0.0, quantum_efficiency=(1, 1, 1))
     light = np.zeros(SHAPE, np.float32)
     light[...] = (0.5, 1.0, 2.0)
-    found = digitize(light, kind, quiet, 0.004, 1, "camera").astype(float) - quiet.black_level_dn
-    of_bands = quiet.gain * electrons_per_s(light, quiet)[0, 0] * 0.004
+    rate_e_s = electrons_per_s(light, quiet)
+    found = digitize(rate_e_s, kind, quiet, 0.004, 1, "camera").astype(float)
+    found -= quiet.black_level_dn
+    of_bands = quiet.gain * rate_e_s[0, 0] * 0.004
     for row, column in np.ndindex(2, 2):
         mean = found[row::2, column::2].mean()
         assert mean == pytest.approx(of_bands[bands[row][column]], rel=0.01)
@@ -114,8 +117,9 @@ def test_the_meter_brings_the_mean_to_its_target() -> None:
     for level in (0.01, 1.0, 100.0):
         share = numbers(level, 1, metered).mean() / metered.white_dn
         assert share == pytest.approx(0.4 + metered.black_level_dn / metered.white_dn, abs=0.01)
-    assert exposure_time_s(flat(0.0), "mono16", metered) == 1.0
-    assert exposure_time_s(flat(1e9), "mono16", metered) == 1e-5
+    dark, glare = (electrons_per_s(flat(level), metered) for level in (0.0, 1e9))
+    assert exposure_time_s(dark, "mono16", metered) == 1.0
+    assert exposure_time_s(glare, "mono16", metered) == 1e-5
 
 
 def test_light_spreads_over_neighbours_and_none_is_lost() -> None:
