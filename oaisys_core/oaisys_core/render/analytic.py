@@ -5,30 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 import oaisys_core
-from oaisys_core import randomness
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import NotReadyError
-from oaisys_core.procedural.environment.light import white_gains
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.base import Backend, FrameGroup
+from oaisys_core.render.color_frames import ColorFrames, color_frames
 from oaisys_core.render.draft.draft import DraftRenderer
 from oaisys_core.render.draft.frames import DRAFT, develop, draft_frames
-from oaisys_core.render.geometry_pass import PoseMemory, frame_of, frames_of
+from oaisys_core.render.geometry_pass import PoseMemory, frames_of
 from oaisys_core.render.lidar import LidarCaster
-from oaisys_core.render.light_images import light_images
 from oaisys_core.render.shading.shading import Palette, shade
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
-from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.exposure import meter_ev
 from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
+from oaisys_core.sensing.view_transforms import ExposedImage
 from oaisys_core.types import (
     ALBEDO,
     LIT,
     RENDERED,
-    RGB,
     FloatArray,
     Frame,
     LidarScan,
@@ -147,11 +145,10 @@ class AnalyticBackend(Backend):
             view = views.pop(camera.name)
             if settings.quality == DRAFT:
                 found = draft_frames(self._draft, surface, view, camera, settings, develop)
-                self.exposures |= found.exposures
-                yield FrameGroup.of(found.frames)
             else:
-                frames = _colors(surface, palette, view, camera, settings, self.exposures)
-                yield FrameGroup.of(frames)
+                found = _colors(surface, palette, view, camera, settings)
+            self.exposures |= found.exposures
+            yield FrameGroup.of(found.frames)
 
     def _require_built(self) -> tuple[Surface, Palette]:
         if self._surface is None or self._palette is None:
@@ -165,27 +162,20 @@ def _colors(
     view: View,
     camera: PlacedCamera,
     settings: RenderSettings,
-    exposures: dict[str, float],
-) -> tuple[Frame, ...]:
-    """Return the frames of a view that show colours, and note the exposure of its picture."""
-    frames = []
-    lit = LIT.intersection(camera.modalities)
-    radiance = shade(view, palette, surface) if lit else np.empty(0)
-    physical = light_images(radiance, camera, surface.scene.sky, settings.noise_seed)
-    frames += [frame_of(camera, *each) for each in physical.images.items()]
-    exposures |= physical.exposures
-    if RGB in lit:
-        if settings.white_balance == "illuminant":
-            radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
-        exposure_ev = settings.exposure_ev
-        if exposure_ev is None:
-            picture = radiance.astype(np.float32)
-            exposure_ev = meter_ev(picture, view.is_hit, settings.auto_exposure)
-        exposures[camera.name] = exposure_ev
-        image = encode_srgb(radiance * 2.0**exposure_ev)
-        rng = randomness.stream(settings.noise_seed, camera.name)
-        image = with_effects(image, settings.effects, camera.intrinsics, rng)
-        frames.append(frame_of(camera, RGB, image))
-    if ALBEDO in camera.modalities:
-        frames.append(frame_of(camera, ALBEDO, encode_srgb(palette.albedo(view, surface))))
-    return tuple(frames)
+) -> ColorFrames:
+    """Return the frames of a view that show colours."""
+    is_lit = not LIT.isdisjoint(camera.modalities)
+    radiance = shade(view, palette, surface) if is_lit else np.empty(0)
+    albedo = palette.albedo(view, surface) if ALBEDO in camera.modalities else np.empty(0)
+    seen = radiance, albedo, view.is_hit
+    return color_frames(*seen, camera, surface.scene, settings, _develop)
+
+
+def _develop(
+    radiance: FloatArray, is_surface: NDArray[np.bool_], settings: RenderSettings
+) -> ExposedImage:
+    """Return the picture of (H, W, 3) radiance: exposed and encoded, without a view transform."""
+    metered, exposure_ev = radiance.astype(np.float32), settings.exposure_ev
+    if exposure_ev is None:
+        exposure_ev = meter_ev(metered, is_surface, settings.auto_exposure)
+    return ExposedImage(encode_srgb(radiance * 2.0**exposure_ev), exposure_ev, metered)
