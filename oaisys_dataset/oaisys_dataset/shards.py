@@ -130,10 +130,18 @@ def encode_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> Enc
     images, files = {}, {}
     for modality in sorted(arrays):
         images[modality], files[modality] = _encode(record.frame_id, modality, arrays[modality])
-    # Counting takes 0.5 ms of a 640x480 image, and np.unique, which sorts, 3 to 8 ms.
-    counts = np.bincount(np.ravel(arrays.get(SEMANTIC_0, np.empty(0, np.uint16))))
-    pixels = {i: int(counts[i]) for i in np.flatnonzero(counts).tolist()}
+    pixels = count_ids(arrays.get(SEMANTIC_0, np.empty(0, np.uint16)))
     return EncodedFrame(replace(record, images=images, label_pixels=pixels), files)
+
+
+def count_ids(ids: NDArray[Any]) -> dict[int, int]:
+    """Return how often each of some ids (integers, any shape) occurs, by rising id."""
+    # Counting takes 0.5 ms of a 640x480 image, and np.unique, which sorts, 3 to 8 ms.
+    if ids.min(initial=0) >= 0 and ids.max(initial=0) < ids.size:
+        counts = np.bincount(ids.ravel())
+        return {i: int(counts[i]) for i in np.flatnonzero(counts).tolist()}
+    found, counts = np.unique(ids, return_counts=True)
+    return dict(zip(found.tolist(), counts.tolist(), strict=True))
 
 
 def _encode(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord, bytes]:
