@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import NotFoundError
+from oaisys_core.geometry.pixel_boxes import pixel_boxes
 from oaisys_core.raycast.prototype_meshes import PrototypeMesh
 from oaisys_core.raycast.silhouettes import Silhouettes, box_corners
 from oaisys_core.raycast.single_objects import (
@@ -83,7 +84,7 @@ class ObjectFinder:
             T_map_camera: (4, 4) pose of its optical frame; of a rolling shutter, its first row's.
             instance: (H, W) ids of the objects.
         """
-        ids, counts, boxes = _visible(instance)
+        ids, counts, boxes = pixel_boxes(instance)
         kept = {id(prototype) for prototype in scene.prototypes}
         self._meshes = {key: each for key, each in self._meshes.items() if key in kept}
         found = {each.instance_id: each for each in self._objects(scene, ids)}
@@ -149,21 +150,6 @@ class ObjectFinder:
             mesh = PrototypeMesh(prototype)
             self._meshes[id(prototype)] = mesh, body_of(mesh)
         return self._meshes[id(prototype)]
-
-
-def _visible(
-    instance: NDArray[Any],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the ids of the objects in an image, their numbers of pixels, and their boxes."""
-    from scipy import ndimage
-
-    ids, inverse, counts = np.unique(instance, return_inverse=True, return_counts=True)
-    slices = ndimage.find_objects(inverse.reshape(instance.shape) + 1)
-    boxes = np.array(
-        [(x.start, y.start, x.stop - x.start, y.stop - y.start) for y, x in slices], np.int64
-    ).reshape(-1, 4)
-    is_object = ids > 0
-    return ids[is_object].astype(np.int64), counts[is_object], boxes[is_object]
 
 
 def _measure(

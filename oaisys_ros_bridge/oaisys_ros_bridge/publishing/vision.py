@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from vision_msgs.msg import (
     VisionClass,
 )
 
+from oaisys_core.geometry.pixel_boxes import pixel_boxes
 from oaisys_core.types import Frame
 from oaisys_ros_bridge.conversions import image_to_msg
 
@@ -68,41 +69,36 @@ def detections_msg(
         labels: (H, W) semantic ids; None leaves out the class.
         header: Of the images.
     """
-    ids, inverse = np.unique(instances, return_inverse=True)
-    objects = inverse.reshape(instances.shape)
-    rows, columns = np.nonzero(instances)
-    which = objects[rows, columns]
-    if not which.size:
+    shown = pixel_boxes(instances)
+    if not shown.ids.size:
         return Detection2DArray(header=header)
-    boxes = np.empty((len(ids), 4))
-    for at, values in enumerate((columns, rows)):
-        boxes[:, at], boxes[:, at + 2] = np.inf, -np.inf
-        np.minimum.at(boxes[:, at], which, values)
-        np.maximum.at(boxes[:, at + 2], which, values)
-    classes = None if labels is None else _classes(which, labels[rows, columns], len(ids))
+    classes = None if labels is None else _classes(instances, labels, shown.ids).tolist()
     detections = [
-        _detection(int(ids[i]), boxes[i], None if classes is None else int(classes[i]), header)
-        for i in np.flatnonzero(ids)
+        _detection(instance_id, box_px, None if classes is None else classes[i], header)
+        for i, (instance_id, box_px) in enumerate(
+            zip(shown.ids.tolist(), shown.boxes_px.tolist(), strict=True)
+        )
     ]
     return Detection2DArray(header=header, detections=detections)
 
 
-def _classes(which: NDArray[Any], labels: NDArray[Any], count: int) -> NDArray[Any]:
+def _classes(instances: NDArray[Any], labels: NDArray[Any], ids: NDArray[np.int64]) -> NDArray[Any]:
     """Return the most frequent label of each object, the smaller of two that are as frequent."""
-    kinds, inverse = np.unique(labels, return_inverse=True)
-    votes = np.zeros((count, len(kinds)), np.int64)
-    np.add.at(votes, (which, inverse), 1)
+    is_object = instances > 0
+    kinds, inverse = np.unique(labels[is_object], return_inverse=True)
+    votes = np.zeros((len(ids), len(kinds)), np.int64)
+    np.add.at(votes, (np.searchsorted(ids, instances[is_object]), inverse), 1)
     return np.asarray(kinds[votes.argmax(axis=1)])
 
 
 def _detection(
-    instance_id: int, box: NDArray[np.float64], class_id: int | None, header: Header
+    instance_id: int, box_px: Sequence[int], class_id: int | None, header: Header
 ) -> Detection2D:
-    left, top, right, bottom = box.tolist()
+    left, top, width, height = box_px
     hypotheses = []
     if class_id is not None:
         hypothesis = ObjectHypothesis(class_id=str(class_id), score=1.0)
         hypotheses.append(ObjectHypothesisWithPose(hypothesis=hypothesis))
-    centre = Pose2D(position=Point2D(x=(left + right) / 2, y=(top + bottom) / 2))
-    bbox = BoundingBox2D(center=centre, size_x=right - left + 1, size_y=bottom - top + 1)
+    centre = Pose2D(position=Point2D(x=left + (width - 1) / 2, y=top + (height - 1) / 2))
+    bbox = BoundingBox2D(center=centre, size_x=float(width), size_y=float(height))
     return Detection2D(header=header, results=hypotheses, bbox=bbox, id=str(instance_id))
