@@ -18,7 +18,15 @@ from oaisys_core.output.records import intrinsics_record
 from oaisys_core.raycast.object_views import ObjectFinder
 from oaisys_core.scene import Scene
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import INSTANCE, FloatArray, Frame, LidarScan, ObjectQuery, Sample
+from oaisys_core.types import (
+    INSTANCE,
+    FloatArray,
+    Frame,
+    LidarScan,
+    ObjectQuery,
+    Sample,
+    SceneObject,
+)
 from oaisys_core.world.batch import DRAWN
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure, WorldLegend
 from oaisys_dataset.plan import WorldTask
@@ -28,6 +36,9 @@ from oaisys_dataset.shards import EncodedFrame, encode_frame
 
 S_PER_VIEW = 1.0
 """Simulated time from one view to the next, unless the sun has its own."""
+
+OBJECTS_AT_ONCE = 5000
+"""Objects that are listed at once."""
 
 
 class EncodedView(NamedTuple):
@@ -172,16 +183,22 @@ class WorldRenderer:
 
     def _legend(self) -> WorldLegend:
         """Return the legend of the current world, with all its objects."""
-        instances: dict[int, LegendInstance] = {}
-        after: int | None = 0
-        while after is not None:
-            page = self._simulation.list_objects(ObjectQuery(after_instance_id=after, limit=5000))
-            for each in page.objects:
-                instances[each.instance_id] = LegendInstance(
-                    each.name, each.label, each.semantic_id, each.kind, each.group
-                )
-            after = page.next_after_instance_id or None
+        instances = {
+            each.instance_id: LegendInstance(
+                each.name, each.label, each.semantic_id, each.kind, each.group
+            )
+            for each in all_objects(self._simulation)
+        }
         return WorldLegend(dict(self._simulation.info().semantic_labels), instances)
+
+
+def all_objects(simulation: Simulation) -> Iterator[SceneObject]:
+    """Yield all objects of a simulation's current world."""
+    after: int | None = 0
+    while after is not None:
+        page = simulation.list_objects(ObjectQuery(after_instance_id=after, limit=OBJECTS_AT_ONCE))
+        yield from page.objects
+        after = page.next_after_instance_id or None
 
 
 def _sun_deg(scene: Scene) -> tuple[float, float]:

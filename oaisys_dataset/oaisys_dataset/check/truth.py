@@ -25,7 +25,6 @@ from oaisys_core.types import (
     DEPTH_TRUE,
     INSTANCE,
     Frame,
-    ObjectQuery,
     SceneObject,
     SensorInfo,
     TriangleMesh,
@@ -48,16 +47,13 @@ from oaisys_dataset.manifest_lines import RecordT
 from oaisys_dataset.objects import frame_objects, rows_of
 from oaisys_dataset.reader import Dataset, DatasetSample
 from oaisys_dataset.scans import ScanRecord
-from oaisys_dataset.world_render import seconds_per_view
+from oaisys_dataset.world_render import all_objects, seconds_per_view
 
 VIEWS = 3
 """Views of a rebuilt world whose images are audited."""
 
 POINTS = 500
 """Random pixels of a frame that must be on the surface."""
-
-PAGE = 5000
-"""Objects that are listed at once."""
 
 LARGEST_WRONG_SHARE = 5e-4
 """Of audited pixels off edges, of one sensor and modality in one world."""
@@ -144,13 +140,7 @@ class TruthCheck:
 
     def _objects(self) -> dict[int, SceneObject]:
         """Return all objects of the current world, by their ids."""
-        found: dict[int, SceneObject] = {}
-        after: int | None = 0
-        while after is not None:
-            page = self._simulation.list_objects(ObjectQuery(after_instance_id=after, limit=PAGE))
-            found |= {each.instance_id: each for each in page.objects}
-            after = page.next_after_instance_id or None
-        return found
+        return {each.instance_id: each for each in all_objects(self._simulation)}
 
     def _check_views(self, records: Sequence[FrameRecord], result: TruthResult) -> None:
         """Compare what records say of light and time with the current world."""
