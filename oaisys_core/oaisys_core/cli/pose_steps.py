@@ -10,7 +10,7 @@ import numpy as np
 from oaisys_core.cli.metadata_file import SampleRequest
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
-from oaisys_core.files.poses.flight_plans import read_plan
+from oaisys_core.files.poses.flight_plans import FlightPlan, read_plan
 from oaisys_core.types import FloatArray, ModuleMetadata, Pose
 
 if TYPE_CHECKING:
@@ -32,19 +32,19 @@ class PoseSteps:
     batch = ModuleMetadata()
 
     def __init__(self, path: Path, selection: PoseSelection, camera: str | None) -> None:
-        self._plan = read_plan(path)
-        self._table = None if self._plan is not None else read_pose_table(path, selection)
+        plan = read_plan(path)
+        self._source = plan if plan is not None else read_pose_table(path, selection)
         self._camera = camera
-        if self._plan is not None and camera is not None:
+        if plan is not None and camera is not None:
             expected = "none, because waypoints of a plan are those of the rig"
             raise InvalidInputError("--poses-camera", camera, expected)
 
     @property
     def count(self) -> int:
         """Number of samples of each batch."""
-        if self._plan is not None:
-            return len(self._plan.waypoints)
-        return 0 if self._table is None else len(self._table.places)
+        if isinstance(self._source, FlightPlan):
+            return len(self._source.waypoints)
+        return len(self._source.places)
 
     def requests(self, simulation: Simulation) -> tuple[SampleRequest, ...]:
         """Return the samples in a simulation's current world.
@@ -57,13 +57,11 @@ class PoseSteps:
 
     def _poses(self, simulation: Simulation) -> list[Pose]:
         info = simulation.info()
-        if self._table is not None:
-            return of_rig(self._table, info.sensors, self._camera).poses
-        if self._plan is None:
-            return []
+        if not isinstance(self._source, FlightPlan):
+            return of_rig(self._source, info.sensors, self._camera).poses
 
         def heights(xy_m: FloatArray) -> FloatArray:
             points_m = np.column_stack((xy_m, np.zeros(len(xy_m))))
             return simulation.query_height(points_m, on_stage=True).ground_height_m
 
-        return self._plan.poses(info.georeference, heights)
+        return self._source.poses(info.georeference, heights)
