@@ -106,9 +106,19 @@ def check_type(value: object, expected: type[T], field: str) -> T:
 
 def buffer_of(data: NDArray[Any]) -> array.array[int]:
     """Return the bytes of ``data`` (any shape) in the type that rclpy does not check bytewise."""
-    buffer = array.array("B")
-    buffer.frombytes(np.ascontiguousarray(data).ravel().view(np.uint8).data)
-    return buffer
+    return array_of("B", np.ascontiguousarray(data).ravel().view(np.uint8))
+
+
+def array_of(code: str, data: NDArray[Any]) -> array.array[Any]:
+    """Return numbers in the type that rclpy does not check one by one.
+
+    Args:
+        code: Their type, as `array.array` names it.
+        data: Any shape, of that type.
+    """
+    values: array.array[Any] = array.array(code)
+    values.frombytes(np.ascontiguousarray(data).ravel().view(np.uint8).data)
+    return values
 
 
 def nanoseconds(stamp: Time) -> int:

@@ -7,9 +7,7 @@ column after column: its first value is at the largest x and y, and the next one
 
 from __future__ import annotations
 
-import array
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 from oaisys_mapping.ground_grid import GridPlace, GroundGrid, Rover, ground_layers
+from oaisys_ros_bridge.conversions import array_of
 
 UNKNOWN, OCCUPIED = -1, 100
 """Values of an ``OccupancyGrid``; 0 is free."""
@@ -49,8 +48,7 @@ def grid_map_to_msg(
 
 def _multi_array(layer: NDArray[np.float32]) -> Float32MultiArray:
     rows, columns = layer.shape[1], layer.shape[0]  # of the message: along x, and along y
-    values = array.array("f")
-    values.frombytes(np.ascontiguousarray(layer[::-1, ::-1], np.float32).tobytes())
+    values = array_of("f", np.asarray(layer[::-1, ::-1], np.float32))
     layout = MultiArrayLayout(
         dim=[
             MultiArrayDimension(label="column_index", size=columns, stride=rows * columns),
@@ -74,6 +72,4 @@ def occupancy_to_msg(
         height=place.count,
         origin=Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion(w=1.0)),
     )
-    values: array.array[Any] = array.array("b")
-    values.frombytes(cells.tobytes())
-    return OccupancyGrid(header=header, info=info, data=values)
+    return OccupancyGrid(header=header, info=info, data=array_of("b", cells))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
 from rclpy.node import Node
 from std_msgs.msg import Header
 
@@ -19,6 +17,7 @@ from oaisys_mapping.evaluation.truth_io import write_truth
 from oaisys_msgs.msg import SemanticLabel
 from oaisys_msgs.srv import GetGroundTruthMesh, QueryHeight
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
+from oaisys_ros_bridge.conversions import array_of
 from oaisys_ros_bridge.services import NodeServices
 
 MAX_POINTS = 1_000_000
@@ -126,16 +125,9 @@ def _fill_mesh(mesh: TriangleMesh, response: GetGroundTruthMesh.Response) -> Non
     if size > MAX_MESH_BYTES:
         expected = f"a file: the mesh has {size} bytes, and a message at most {MAX_MESH_BYTES}"
         raise InvalidInputError("path", "", expected)
-    response.vertices = _values("d", mesh.vertices_m, np.float64)
-    response.triangles = _values("I", mesh.triangles, np.uint32)
+    response.vertices = array_of("d", np.asarray(mesh.vertices_m, np.float64))
+    response.triangles = array_of("I", np.asarray(mesh.triangles, np.uint32))
     if mesh.semantic_ids is not None:
-        response.semantic_ids = _values("H", mesh.semantic_ids, np.uint16)
+        response.semantic_ids = array_of("H", np.asarray(mesh.semantic_ids, np.uint16))
     if mesh.instance_ids is not None:
-        response.instance_ids = _values("I", mesh.instance_ids, np.uint32)
-
-
-def _values(code: str, data: NDArray[Any], dtype: type[Any]) -> array.array[Any]:
-    """Return an array in the type that rclpy does not check value by value."""
-    values = array.array(code)
-    values.frombytes(np.ascontiguousarray(data, dtype).tobytes())
-    return values
+        response.instance_ids = array_of("I", np.asarray(mesh.instance_ids, np.uint32))
