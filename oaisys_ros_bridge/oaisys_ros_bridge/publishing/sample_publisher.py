@@ -92,19 +92,15 @@ class SamplePublisher:
         self._place = PlaceTopics(self.publishers, values["base_frame"])
         self._sample_info = self.publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
         self.trajectory = TrajectoryTopics(node, self.publishers, self._map_frame)
-        baselines_m = {
-            find_left_camera(sensor, info.sensors): sensor.stereo_baseline_m
-            for sensor in info.sensors
-        }
+        left_cameras = {each.name: find_left_camera(each, info.sensors) for each in info.sensors}
+        baselines_m = {left_cameras[each.name]: each.stereo_baseline_m for each in info.sensors}
         self.sensors = {
             sensor.name: SensorTopics(
                 self.publishers,
                 sensor,
                 sensor_namespace(sensor.name, info.sensors),
                 values["frame_prefix"],
-                find_left_camera(sensor, info.sensors)
-                if values["stereo.right_frame"] == "left"
-                else "",
+                left_cameras[sensor.name] if values["stereo.right_frame"] == "left" else "",
                 baselines_m.get(sensor.name, 0.0),
             )
             for sensor in info.sensors
