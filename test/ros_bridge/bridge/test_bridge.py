@@ -379,10 +379,13 @@ def test_sensors_of_a_rig_have_topics_and_frames_of_their_own(stage: Stage) -> N
         user.wait_until(images.__len__)
         assert images[0].header.stamp == answer.stamp
         assert images[0].header.frame_id == f"{name}_optical_frame"
-    user.wait_until(lambda: user.received["/tf"])
-    eyes_m = {
-        n: lookup(user, user.received["/tf"][0], "map", f"{n}_optical_frame")[1] for n in mounted
-    }
+    # The start pose comes before, and is repeated.
+    transforms = user.wait_until(
+        lambda: next(
+            (m for m in user.received["/tf"] if m.transforms[0].header.stamp == answer.stamp), None
+        )
+    )
+    eyes_m = {n: lookup(user, transforms, "map", f"{n}_optical_frame")[1] for n in mounted}
     # Looking down at yaw 0, the rig's left is the map's +y.
     np.testing.assert_allclose(eyes_m["left"], [1.0, 2.1, 5.0], atol=1e-9)
     np.testing.assert_allclose(eyes_m["right"], [1.0, 1.9, 5.0], atol=1e-9)

@@ -46,8 +46,10 @@ WAIT_S = 2.0
 MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
 RECORDED = {
     *SAMPLE_TYPES,
+    "/camera/detections",
     "/camera/instance/camera_info",
     "/camera/semantic_0/camera_info",
+    "/camera/transform",
     "/odometry",
     "/path",
     "/viewpoints",
