@@ -19,10 +19,9 @@ from oaisys_core.config.section import (
     Section,
     SemanticId,
 )
+from oaisys_core.config.sections.layer_conditions import ConditionConfig, Share
 from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
 
-Share = Annotated[float, Field(ge=0, le=1)]
-SlopeDeg = Annotated[float, Field(ge=0, le=90)]
 CurvePoints = tuple[tuple[Share, Share], ...]
 
 MASK_VALUE = re.compile(r"\d{1,5}|#[0-9a-f]{6}")
@@ -53,31 +52,6 @@ class LabelImageConfig(Section):
 
     image: ConfigFile
     mapping: dict[MaskValue, Labelled] = Field(min_length=1)
-
-
-class ConditionConfig(Section):
-    """Where a layer may lie; all given conditions must hold.
-
-    Attributes:
-        slope_deg: Range of slopes.
-        height_m: Range of heights in ``map``; None for any height.
-        height_share: Range of relative heights; 0 is the lowest point of the ground, 1 the highest.
-        soft_deg, soft_m: Widths of the fades centred on the bounds.
-    """
-
-    slope_deg: tuple[SlopeDeg, SlopeDeg] = (0.0, 90.0)
-    height_m: tuple[float, float] | None = None
-    height_share: tuple[Share, Share] | None = None
-    soft_deg: float = Field(default=6.0, ge=0, le=90)
-    soft_m: float = Field(default=0.5, ge=0)
-
-    @model_validator(mode="after")
-    def _in_order(self) -> ConditionConfig:
-        for name in ("slope_deg", "height_m", "height_share"):
-            bounds = getattr(self, name)
-            if bounds is not None and bounds[0] > bounds[1]:
-                raise ValueError(f"{name}: received {list(bounds)}, expected [least, most]")
-        return self
 
 
 class CurvesConfig(Section):

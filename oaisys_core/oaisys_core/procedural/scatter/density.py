@@ -107,7 +107,7 @@ def band(values: FloatArray, low: float, high: float, fade: float) -> FloatArray
     return np.asarray(np.nan_to_num(share))
 
 
-def bilinear(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
+def bilinear(field: Field | FloatArray, ground: Ground, xy: FloatArray) -> FloatArray:
     """Return (N,) interpolated values of a field over the ground, with row 0 at the smallest y."""
     x0, y0, x1, y1 = ground.extent_m
     rows, cols = field.shape

@@ -7,10 +7,9 @@ from weakref import ref
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.erosion import drainage_area, receivers
-from oaisys_core.procedural.terrain.noise import Field
+from oaisys_core.procedural.terrain.masks.forces import ranks
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray
 
@@ -30,11 +29,11 @@ WETNESS = 0.6
 MIN_SLOPE = 0.01
 """Slope below which ground does not get wetter."""
 
-_last: list[tuple[Any, Field]] = []
+_last: list[tuple[Any, FloatArray]] = []
 """A weak reference to the last ground, and its moistures: several groups ask for them."""
 
 
-def moisture(ground: Ground) -> Field:
+def moisture(ground: Ground) -> FloatArray:
     """Return (CELLS, CELLS) moistures from 0 to 1, row 0 at the smallest y, by rank.
 
     They come from the ranks of the topographic wetness index, ln(a / tan(slope)) with the drained
@@ -47,7 +46,7 @@ def moisture(ground: Ground) -> Field:
     return _last[0][1]
 
 
-def _moisture(ground: Ground) -> Field:
+def _moisture(ground: Ground) -> FloatArray:
     x0, y0, x1, y1 = ground.extent_m
     spacing_m = max(x1 - x0, y1 - y0) / CELLS
     index = (np.arange(CELLS) + 0.5) / CELLS
@@ -68,12 +67,5 @@ def _moisture(ground: Ground) -> Field:
     wetness = np.log(area.reshape(height_m.shape) / slope)
     wetness = scipy.ndimage.gaussian_filter(wetness, 1.5, mode="nearest")
     around_m = scipy.ndimage.gaussian_filter(height_m, CELLS * AROUND, mode="nearest")
-    ranks = _ranks(wetness, is_ground), _ranks(around_m - height_m, is_ground)
-    return _ranks(WETNESS * ranks[0] + (1 - WETNESS) * ranks[1], is_ground)
-
-
-def _ranks(values: FloatArray, is_ground: NDArray[np.bool_]) -> Field:
-    """Return the share of the ground with smaller values."""
-    ordered = np.sort(values[is_ground])
-    share = np.searchsorted(ordered, values) / len(ordered)
-    return np.where(is_ground, share, 0.0)
+    wet, low = ranks(wetness, is_ground), ranks(around_m - height_m, is_ground)
+    return ranks(WETNESS * wet + (1 - WETNESS) * low, is_ground)

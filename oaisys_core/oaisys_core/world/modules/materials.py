@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from oaisys_core import randomness
-from oaisys_core.config.sections.materials import ConditionConfig, LayerConfig, MaterialsConfig
+from oaisys_core.config.sections.layer_conditions import ConditionConfig
+from oaisys_core.config.sections.materials import LayerConfig, MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.terrain.displacement import displace
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
@@ -19,12 +20,10 @@ from oaisys_core.procedural.terrain.masks.patches import (
     LayerNoise,
     blend_masks,
     border_softness,
-    gate,
     layer_masks,
 )
 from oaisys_core.procedural.terrain.masks.relief import (
     RELIEF_PX,
-    Relief,
     exposure,
     has_steep_parts,
     relief_of,
@@ -35,6 +34,7 @@ from oaisys_core.scene import Ground, HeightField
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
 from oaisys_core.world.module import Metadata, Module, World, override, require
+from oaisys_core.world.modules.layer_gates import gate_of_level, layer_gates
 from oaisys_core.world.modules.layers import (
     DrawnLayer,
     LayerLibrary,
@@ -152,7 +152,7 @@ def _masks(
     shares = None
     if any(layer.share is not None for layer in layers):
         shares = [layer.share or NO_SHARE for layer in layers]
-    gates = _gates(layers, ground, mask.size_px)
+    gates = layer_gates([layer.when for layer in layers], ground, mask.size_px)
     if mask.method == "patches":
         return blend_masks(
             len(layers),
@@ -193,40 +193,6 @@ def _preferences(
     )
 
 
-def _gates(
-    layers: Sequence[LayerConfig], ground: Ground, size_px: int
-) -> NDArray[np.float32] | None:
-    """Return (L, M, M) weights of the layers' conditions; None if no layer has conditions."""
-    if len(layers) == 1 or all(layer.when is None for layer in layers):
-        return None
-    relief = relief_of(ground, size_px)
-    gates = np.ones((len(layers), size_px, size_px), np.float32)
-    for index, layer in enumerate(layers):
-        if layer.when is not None:
-            gates[index] = condition_gate(layer.when, relief)
-    return gates
-
-
-def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]:
-    """Return how well a condition holds at each texel of a mask, 0 to 1."""
-    slope_deg = np.degrees(relief.slope_rad)
-    # A bound at the end of the scale does not count: level ground is fully inside from 0 on.
-    least, most = when.slope_deg
-    bounds = (least if least > 0 else -np.inf, most if most < 90 else np.inf)
-    result = gate(slope_deg, bounds, when.soft_deg)
-    if when.height_m is not None:
-        result = np.minimum(result, gate(relief.height_m, when.height_m, when.soft_m))
-    if when.height_share is not None:
-        low, high = float(relief.height_m.min()), float(relief.height_m.max())
-        least, most = (low + share * (high - low) for share in when.height_share)
-        bounds = (
-            least if when.height_share[0] > 0 else -np.inf,
-            most if when.height_share[1] < 1 else np.inf,
-        )
-        result = np.minimum(result, gate(relief.height_m, bounds, when.soft_m))
-    return result
-
-
 def _macro_variation(config: MaterialsConfig, rng: np.random.Generator) -> MacroVariation | None:
     if not config.macro_variation:
         return None
@@ -254,7 +220,7 @@ def _land_masks(
         reach_m = farthest_m(min(x1 - x0, y1 - y0) / 2)
         relief = ReliefAround(world.far_ground, ground, material.masks, reach_m)
     else:
-        shares *= [1.0 if when is None else _gate_of_level(when) for when in conditions]
+        shares *= [1.0 if when is None else gate_of_level(when) for when in conditions]
         if not any(conditions) or not shares.any():
             return None
     mask = config.mask
@@ -270,13 +236,6 @@ def _land_masks(
         seed=_seed(rng, "land"),
         relief=relief,
     )
-
-
-def _gate_of_level(when: ConditionConfig) -> float:
-    """Return how well level ground meets a condition on the slope."""
-    least_deg, most_deg = when.slope_deg
-    bounds = (least_deg if least_deg > 0 else -np.inf, most_deg)
-    return float(gate(0.0, bounds, when.soft_deg))
 
 
 def _seed(rng: np.random.Generator, name: str) -> int:

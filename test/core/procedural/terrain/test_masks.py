@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.config.sections.materials import ConditionConfig
+from oaisys_core.config.sections.layer_conditions import ConditionConfig
 from oaisys_core.procedural.terrain.masks.patches import (
     LayerNoise,
     blend_masks,
@@ -14,7 +14,7 @@ from oaisys_core.procedural.terrain.masks.patches import (
 )
 from oaisys_core.procedural.terrain.masks.relief import exposure, has_steep_parts, relief_of
 from oaisys_core.scene import HeightField
-from oaisys_core.world.modules.materials import condition_gate
+from oaisys_core.world.modules.layer_gates import condition_gate
 
 SIZE = 256
 NOISE = LayerNoise(scale=6.0, detail=1.5, roughness=0.4, distortion=0.3)
