@@ -25,7 +25,7 @@ class CalibrationError(OaisysError):
     """The calibration's process ended or did not answer."""
 
 
-class Calibration:
+class SpeedCalibration:
     """A process that renders the frozen scene on request and is idle otherwise.
 
     It inherits the affinity of the calling thread and uses a render thread for each of its cores.

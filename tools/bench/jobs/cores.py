@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from tools.bench.calibration import Calibration
+from tools.bench.calibration import SpeedCalibration
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS
@@ -38,7 +38,7 @@ def time_samples(settings: Settings, say: Say, count: int) -> dict[str, Any]:
         raise ValueError(f"received {usable} usable cores, expected {count}")
     found: dict[str, Any] = {}
     with (
-        Calibration(settings.out / "logs" / "calibration.log") as calibration,
+        SpeedCalibration(settings.out / "logs" / "calibration.log") as calibration,
         simulation_of(world_config(settings)) as simulation,
     ):
         bpy.context.scene.render.threads_mode = "FIXED"
@@ -63,5 +63,5 @@ def time_samples(settings: Settings, say: Say, count: int) -> dict[str, Any]:
     return {**found, "sampling_s": sampling_s}
 
 
-def _sampling_s(calibration: Calibration) -> float:
+def _sampling_s(calibration: SpeedCalibration) -> float:
     return calibration.seconds(MANY) - calibration.seconds(FEW)

@@ -18,7 +18,7 @@ import oaisys_core
 from oaisys_core.config import config_sha256
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, RGB, Frame, Pose, Sample
-from tools.bench.calibration import Calibration, calibrate
+from tools.bench.calibration import SpeedCalibration, calibrate
 from tools.bench.jobs.quality import REFERENCE_SAMPLES as SIX_VIEWS_SAMPLES
 from tools.bench.jobs.quality import reference_image
 from tools.bench.jobs.world import Observer, simulation_of, world_config
@@ -95,7 +95,7 @@ def measure(
     config = world_config(settings, world=world)
     posed = [PosedView.from_dict(view) for view in views]
     with (
-        Calibration(settings.out / "logs" / "calibration.log") as calibration,
+        SpeedCalibration(settings.out / "logs" / "calibration.log") as calibration,
         simulation_of(config) as simulation,
     ):
         say(0.0, "batch")
@@ -131,7 +131,9 @@ def _check_checkout(checkout: str) -> None:
         raise ValueError(f"received oaisys_core from {used}, expected it below {checkout}")
 
 
-def _begin(simulation: Simulation, view: PosedView, calibration: Calibration) -> dict[str, Any]:
+def _begin(
+    simulation: Simulation, view: PosedView, calibration: SpeedCalibration
+) -> dict[str, Any]:
     """Return the times of the process's first batch and of its first sample."""
     calibration_s = [calibration.seconds()]
     started_s = time.perf_counter()
@@ -152,7 +154,7 @@ def _time(
     views: list[PosedView],
     quality: str,
     rounds: int,
-    calibration: Calibration,
+    calibration: SpeedCalibration,
 ) -> tuple[dict[str, Any], list[Sample]]:
     """Return the times of samples at one quality, and the last sample of each view."""
     found: dict[str, list[float]] = {"s": [], "ratio": [], "calibration_s": []}

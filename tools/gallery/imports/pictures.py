@@ -20,7 +20,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Pose
-from tools.gallery.imports.worlds import TILE_PX, ImportedWorld, View, make_worlds
+from tools.gallery.imports.worlds import TILE_PX, ImportedWorld, Outlook, make_worlds
 
 SHEET = "imports.webp"
 COLUMNS, GAP_PX, CAPTION_PX, FONT_PX = 2, 8, 30, 17
@@ -85,7 +85,7 @@ def render_tile(world: ImportedWorld, files: Path, quality: str, backend: str) -
     return _join([images[index] for index in order], world.columns)
 
 
-def _pose(view: View, simulation: Simulation) -> Pose:
+def _pose(view: Outlook, simulation: Simulation) -> Pose:
     """Return the pose of the rig that looks from one place above the surface at another."""
     places = [(*view.eye_m, 0.0), (*view.target_m, 0.0)]
     ground_m, target_m = simulation.query_height(places).ground_height_m

@@ -26,7 +26,7 @@ Section = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class View:
+class Outlook:
     """Where a picture is taken from: places in metres, heights above the surface there."""
 
     eye_m: Place
@@ -52,7 +52,7 @@ class ImportedWorld:
     name: str
     caption: str
     sections: Section
-    views: tuple[View, ...] = ()
+    views: tuple[Outlook, ...] = ()
     samples: int = 1
     modalities: tuple[str, ...] = ("rgb",)
     columns: int = 1
@@ -106,7 +106,7 @@ def _rover(folder: Path) -> ImportedWorld:
     assets = {"objects": [_object("rover", "rover.glb", 0.0, 0.0)], "rocks": ROCKS}
     sections = _world(MOUNDS, _camera(520.0), assets=assets)
     caption = "rover.glb: glTF with five textured materials"
-    return ImportedWorld("rover", caption, sections, (View((2.4, -2.2), 1.2, (0.0, 0.0), 0.55),))
+    return ImportedWorld("rover", caption, sections, (Outlook((2.4, -2.2), 1.2, (0.0, 0.0), 0.55),))
 
 
 def _leaves(folder: Path) -> ImportedWorld:
@@ -121,7 +121,9 @@ def _leaves(folder: Path) -> ImportedWorld:
         MOUNDS, _camera(470.0), assets={"objects": plants}, materials={"layers": layers}
     )
     caption = "plant.glb: leaf cards, cut out by alpha in every image"
-    return ImportedWorld("leaves", caption, sections, (View((0.5, -2.3), 1.0, (0.2, 0.6), 0.55),))
+    return ImportedWorld(
+        "leaves", caption, sections, (Outlook((0.5, -2.3), 1.0, (0.2, 0.6), 0.55),)
+    )
 
 
 def _hut(folder: Path) -> ImportedWorld:
@@ -129,7 +131,7 @@ def _hut(folder: Path) -> ImportedWorld:
     hut = _object("hut", "hut.obj", 0.0, 0.0, up_axis="y")
     sections = _world(MOUNDS, _camera(420.0), assets={"objects": [hut], "rocks": ROCKS})
     caption = "hut.obj, hut.mtl and three pictures, y up"
-    return ImportedWorld("hut", caption, sections, (View((3.6, -4.4), 1.7, (0.0, 0.0), 1.1),))
+    return ImportedWorld("hut", caption, sections, (Outlook((3.6, -4.4), 1.7, (0.0, 0.0), 1.1),))
 
 
 def _robot_sections(folder: Path) -> Section:
@@ -145,7 +147,7 @@ def _robot(folder: Path) -> ImportedWorld:
     mover |= {"trajectory": {"waypoints_m": [[-1.0, -0.6], [4.0, 2.4]], "step_m": 1.0}}
     sections = _world(MOUNDS, _camera(500.0), assets={"movers": [mover], "rocks": ROCKS})
     caption = "scout.urdf: its visuals as one mover, joints at zero"
-    return ImportedWorld("robot", caption, sections, (View((2.2, -1.9), 1.2, (0.0, 0.0), 0.45),))
+    return ImportedWorld("robot", caption, sections, (Outlook((2.2, -1.9), 1.2, (0.0, 0.0), 0.45),))
 
 
 def _robots_camera(folder: Path) -> ImportedWorld:
@@ -154,7 +156,7 @@ def _robots_camera(folder: Path) -> ImportedWorld:
     assets = {"objects": [rover], "rocks": ROCKS}
     sections = _world(MOUNDS, {**sensors, "pose_policy": "clamp"}, assets=assets)
     caption = "scout.urdf: its mast camera, colour and depth"
-    view = View((0.0, 0.0), 0.3, (4.0, 0.3), 0.2)
+    view = Outlook((0.0, 0.0), 0.3, (4.0, 0.3), 0.2)
     return ImportedWorld(
         "mast_camera", caption, sections, (view,), modalities=("rgb", "depth"), columns=2
     )
@@ -177,7 +179,7 @@ def _rig(folder: Path) -> ImportedWorld:
     )
     sections = _world(MOUNDS, sensors, assets={"objects": [hut, rover], "rocks": ROCKS})
     caption = "camchain.yaml of Kalibr: radtan and equidistant"
-    view = View((0.0, 0.0), 1.3, (4.0, 0.0), 0.6)
+    view = Outlook((0.0, 0.0), 1.3, (4.0, 0.0), 0.6)
     return ImportedWorld("rig", caption, sections, (view,), columns=2)
 
 
@@ -203,7 +205,7 @@ def _paving(folder: Path) -> ImportedWorld:
     layers = [layer | {"tile_m": 1.6, "displacement_m": 0.03}]
     sections = _world(PLANE, _camera(430.0), 24.0, materials={"layers": layers})
     caption = "PavingStones001_1K-PNG/: maps of ambientCG, DirectX"
-    return ImportedWorld("paving", caption, sections, (View((0.0, 0.0), 1.1, (2.6, 0.9), 0.0),))
+    return ImportedWorld("paving", caption, sections, (Outlook((0.0, 0.0), 1.1, (2.6, 0.9), 0.0),))
 
 
 def _panorama(folder: Path) -> ImportedWorld:
@@ -215,7 +217,9 @@ def _panorama(folder: Path) -> ImportedWorld:
         environment={"hdri": {"images": [{"file": "evening.hdr"}], "keep_sun": False}},
     )
     caption = "evening.hdr: a panorama as sky and light"
-    return ImportedWorld("panorama", caption, sections, (View((0.0, 0.0), 1.7, (8.0, 2.6), 3.0),))
+    return ImportedWorld(
+        "panorama", caption, sections, (Outlook((0.0, 0.0), 1.7, (8.0, 2.6), 3.0),)
+    )
 
 
 def _valley(folder: Path) -> ImportedWorld:
@@ -228,5 +232,5 @@ def _valley(folder: Path) -> ImportedWorld:
     materials = {"layers": layers, "mask": {"relief": 1.0}}
     sections = _world(stage, _camera(270.0), 42.0, materials=materials)
     caption = "valley_utm32.tif: an elevation model, EPSG:32632"
-    view = View((60.0, -1850.0), 420.0, (0.0, 200.0), 0.0)
+    view = Outlook((60.0, -1850.0), 420.0, (0.0, 200.0), 0.0)
     return ImportedWorld("valley", caption, sections, (view,))

@@ -24,7 +24,7 @@ from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
 from oaisys_core.render.draft.ground_details import add_contact, darken_wet
 from oaisys_core.render.draft.ground_masks import GroundMasks
-from oaisys_core.render.draft.layer_texture import LayerTexture, Levels, Plane
+from oaisys_core.render.draft.layer_texture import LayerLook, LayerTexture, Levels
 from oaisys_core.render.draft.texture_atlas import TextureAtlas, sample
 from oaisys_core.render.shading.looks import (
     ALONG_BEDS,
@@ -152,11 +152,13 @@ class GroundTexture:
         lean[steep] += part * (of_sides[1] - lean[steep])
         roughness[steep] += part[:, 0] * (rough - roughness[steep])
 
-    def _project(self, points_m: FloatArray, axes: Axes, weights: Floats, level: Levels) -> Plane:
+    def _project(
+        self, points_m: FloatArray, axes: Axes, weights: Floats, level: Levels
+    ) -> LayerLook:
         """Return what (N, 3) points look like, projected onto a plane."""
         place_m = points_m[:, :2] if axes is None else points_m[:, list(axes)]
         count = len(points_m)
-        found = Plane(
+        found = LayerLook(
             np.zeros((count, 3), np.float32),
             np.zeros((count, 2), np.float32),
             np.zeros(count, np.float32),

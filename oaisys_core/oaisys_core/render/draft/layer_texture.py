@@ -28,8 +28,8 @@ LINEAR = np.stack((_LINEAR, _LINEAR, _LINEAR, _HEIGHTS), axis=-1).astype(np.floa
 """Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
 
 
-class Plane(NamedTuple):
-    """What the layers look like, projected onto one plane.
+class LayerLook(NamedTuple):
+    """How layers look, projected onto one plane.
 
     Attributes:
         color: (N, 3) linear.
@@ -64,7 +64,9 @@ class LayerTexture:
         self._reliefs = TextureAtlas([_relief(each) for each in levels])
         self.mean = np.array(mean_color(levels[-1]), np.float32)
 
-    def look_up(self, place_m: FloatArray, level: Levels, tiling: Tiling) -> tuple[Plane, Floats]:
+    def look_up(
+        self, place_m: FloatArray, level: Levels, tiling: Tiling
+    ) -> tuple[LayerLook, Floats]:
         """Return what the texture shows at (N, 2) places in a plane, and its heights."""
         samples = tiling.samples(place_m / self.maps.tile_m)
         of_layer = self.level_of[level]
@@ -85,7 +87,7 @@ class LayerTexture:
             relief = _blend(reliefs, weights)
             relief[:, :2] = FLAT + gain * (relief[:, :2] - FLAT)
         slope = (relief[:, :2] - np.float32(FLAT)) * np.float32(1 / STEPS)
-        plane = Plane(texel[:, :3], slope, relief[:, 2] * np.float32(1 / 255))
+        plane = LayerLook(texel[:, :3], slope, relief[:, 2] * np.float32(1 / 255))
         return plane, texel[:, 3]
 
 

@@ -16,7 +16,7 @@ from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
 from oaisys_core.procedural.terrain.processes.river import (
-    Channel,
+    RiverBed,
     channel_depth,
     channel_of,
     even,
@@ -78,7 +78,7 @@ def _first_line(domain: Domain, width_m: float, rng: np.random.Generator) -> Flo
 
 def _paint(
     z: FloatArray,
-    channel: Channel,
+    channel: RiverBed,
     ragged: FloatArray,
     depth_m: float,
     level_m: float,

@@ -26,7 +26,7 @@ FIXED = 8
 """Points at both ends that stay, so that the river enters and leaves in its own direction."""
 
 
-class Channel(NamedTuple):
+class RiverBed(NamedTuple):
     """Where the points of a ground lie beside a river.
 
     Attributes:
@@ -91,7 +91,7 @@ def cut_off(line: FloatArray, width: float) -> FloatArray:
     return line
 
 
-def channel_of(line: FloatArray, width: float, x: FloatArray, y: FloatArray) -> Channel:
+def channel_of(line: FloatArray, width: float, x: FloatArray, y: FloatArray) -> RiverBed:
     """Return where the points of a ground lie beside a river.
 
     Args:
@@ -111,14 +111,14 @@ def channel_of(line: FloatArray, width: float, x: FloatArray, y: FloatArray) -> 
     side = np.where(beside >= 0, 1.0, -1.0)
     bend = scipy.ndimage.gaussian_filter1d(curvature(fine) * width, 1.2 / 0.08)
     shape = x.shape
-    return Channel(
+    return RiverBed(
         (side * distance / (0.5 * width)).reshape(shape),
         (0.08 * near + onward / width).reshape(shape),
         bend[near].reshape(shape),
     )
 
 
-def channel_depth(channel: Channel, alternate: float) -> FloatArray:
+def channel_depth(channel: RiverBed, alternate: float) -> FloatArray:
     """Return the depth below the banks within a channel, in mean depths, 0 at its sides.
 
     The deepest line lies at the outer side of bends, and point bars at their inner side; in
