@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
+from datetime import datetime, timezone
+from math import degrees, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from pyproj import CRS
 
     from oaisys_core.config.sections.stage import DemConfig
+    from oaisys_core.procedural.environment.ephemeris import Target
+    from oaisys_core.types import Georeference
 
 place_app = typer.Typer(
     help="Find places of elevation models on their body.",
@@ -41,8 +44,15 @@ def info(
         list[str] | None,
         typer.Option(help="X,Y[,Z] in `map` to show as a place. Can be repeated."),
     ] = None,
+    at: Annotated[
+        datetime | None,
+        typer.Option(
+            help="UTC time at which to show sun and Earth over the origin of `map`.",
+            formats=["%Y-%m-%dT%H:%M:%SZ", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%d"],
+        ),
+    ] = None,
 ) -> None:
-    """Print where FILE lies: reference system, origin of `map`, true north, corners.
+    """Print where FILE lies: reference system, origin of `map`, true north, corners, the sun.
 
     Example: oaisys place info alps.tif --to-map 7.6586,45.9763
     """
@@ -79,6 +89,26 @@ def info(
     for text in to_map or ():
         found = places.points_in_map(place, _numbers(text, "--to-map", "LON,LAT[,ELEVATION]"))[0]
         _say(f"place {text}  is  {', '.join(f'{each:.4f}' for each in found)} m in map")
+    if at is not None:
+        _say_light(place, imported.body_radius_m, at.replace(tzinfo=timezone.utc))  # noqa: UP017
+
+
+def _say_light(place: Georeference, body_radius_m: float | None, when: datetime) -> None:
+    """Print where the sun, and from other bodies Earth, stands over the origin of ``map``."""
+    from oaisys_core.config.sections.stage import body_name
+    from oaisys_core.config.sections.sun import SunFromTimeConfig
+    from oaisys_core.procedural.environment.sun_in_map import map_axes, seen_over
+
+    body = body_radius_m or 0.0
+    axes = map_axes(SunFromTimeConfig(date_time=when), place, body)
+    targets: tuple[Target, ...] = ("sun",) if body_name(body) == "earth" else ("sun", "earth")
+    for target in targets:
+        seen = seen_over(axes, body, target, when)
+        _say(
+            f"{target:<17} elevation {degrees(seen.elevation_rad):.4f}°, azimuth in map"
+            f" {degrees(seen.azimuth_rad):.4f}° from +x towards +y, distance"
+            f" {seen.distance_au:.8f} au, diameter {degrees(seen.angular_diameter_rad):.4f}°"
+        )
 
 
 def _dem(file: Path) -> DemConfig:

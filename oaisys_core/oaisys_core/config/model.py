@@ -39,9 +39,10 @@ from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
-from oaisys_core.config.sections.stage import StageConfig
+from oaisys_core.config.sections.stage import StageConfig, body_name
 from oaisys_core.config.variants import VariantConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
+from oaisys_core.types import DIGITAL, RADIANCE
 
 GENERATOR_VERSION = 11
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
@@ -208,11 +209,27 @@ class SimulationConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _sky_of_earth(self) -> SimulationConfig:
-        if self.environment.sun_from_time is not None and not self.stage.is_on_earth:
+    def _sun_of_the_body(self) -> SimulationConfig:
+        environment, stage = self.environment, self.stage
+        body, sun = body_name(stage.body), environment.sun_from_time
+        if sun is not None and body is None:
             raise ValueError(
-                "environment.sun_from_time: expected null, because it is the sun in Earth's sky,"
-                f" and stage.body is {self.stage.body}; give sun_elevation_deg and sun_azimuth_deg"
+                "environment.sun_from_time: expected null, because ephemerides are for earth, moon"
+                f" and mars, and stage.body is {stage.body}; give sun_elevation_deg and"
+                " sun_azimuth_deg"
+            )
+        if sun is not None and sun.latitude_deg is None and stage.dem is None:
+            raise ValueError(
+                "environment.sun_from_time.latitude_deg: expected a number, because there is no"
+                " stage.dem that says where the stage lies"
+            )
+        has_unit = environment.unit_w_m2 or environment.sun_distance_au
+        measures_light = (DIGITAL | {RADIANCE}) & self.sensors.modalities
+        if body is None and not has_unit and measures_light:
+            raise ValueError(
+                "environment.sun_distance_au: expected a number for images of radiance and digital"
+                f" numbers, because stage.body is {stage.body}, whose distance from the sun is"
+                " not known"
             )
         return self
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 NORTH_STEP_M = 1.0
 """Length of the step by which the direction of +y is found."""
 
+AXIS_STEP_M = 50.0
+"""The same, where directions are compared in the body's own axes: longer because of rounding."""
+
 
 def lon_lat_height(georeference: Georeference, points_m: ArrayLike) -> FloatArray:
     """Return (N, 3) longitudes and latitudes in degrees, and elevations in metres.
@@ -63,6 +66,35 @@ def north_deg(georeference: Georeference) -> float:
     assert geod is not None
     azimuth_deg, _, _ = geod.inv(*start[:2], *end[:2])
     return float(azimuth_deg)
+
+
+def axes_on_body(georeference: Georeference, flattening: float) -> FloatArray:
+    """Return the (3, 3) directions of x, y and up at the origin of ``map`` in the body's own axes.
+
+    These are x to longitude 0 on the equator, z to the north pole.
+
+    Args:
+        georeference: Of the ground.
+        flattening: Of the body, for a reference system on a sphere, whose latitudes are then angles
+            at the body's centre. Ellipsoids of reference systems have their own.
+    """
+    steps_m = ((0, 0, 0), (0, AXIS_STEP_M, 0), (0, -AXIS_STEP_M, 0))
+    lon, lat = np.radians(lon_lat_height(georeference, steps_m)[:, :2]).T
+    geod = system_of(georeference.wkt).get_geod()
+    assert geod is not None
+    if geod.f == 0:
+        # From the latitude at the centre to that of the vertical.
+        lat = np.arctan2(np.sin(lat), np.cos(lat) * (1 - flattening) ** 2)
+    squeeze = (1 - (geod.f or flattening)) ** 2
+    normals = np.stack((np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
+    radius = 1 / np.sqrt(np.cos(lat) ** 2 + squeeze * np.sin(lat) ** 2)
+    points = radius[:, None] * normals * (1.0, 1.0, squeeze)
+    up = normals[0]
+    y = points[1] - points[2]
+    y -= (y @ up) * up
+    y /= np.linalg.norm(y)
+    x = np.cross(y, up)
+    return np.stack((x, y, up))
 
 
 @lru_cache(maxsize=16)

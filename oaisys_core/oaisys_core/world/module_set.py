@@ -51,7 +51,7 @@ class ModuleSet:
         Raises:
             ConfigError: The configuration names something that does not exist.
         """
-        stage = StageModule(config.stage, lowest_sun_rad(config.environment))
+        stage = StageModule(config.stage, lowest_sun_rad(config.environment, config.stage.body))
         sensors = SensorsModule(config.sensors)
         assets = AssetsModule(config.assets, *_rock_textures(config))
         modules: tuple[Module, ...] = (
@@ -76,7 +76,7 @@ class ModuleSet:
         before, now = self.config, config
         assets, sensors = self.assets, self.sensors
         _, materials, _, environment, _, *others = self.all
-        stage = self.stage.with_config(now.stage, lowest_sun_rad(now.environment))
+        stage = self.stage.with_config(now.stage, lowest_sun_rad(now.environment, now.stage.body))
         if now.materials != before.materials:
             materials = MaterialsModule(now.materials)
             materials.setup()

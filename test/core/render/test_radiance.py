@@ -20,8 +20,10 @@ from synthetic_worlds import SUNNY, camera, flat_world, settings, texture
 
 from oaisys_core.color import linear
 from oaisys_core.config import config_from_mapping
+from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.output.images import read_image, write_image
+from oaisys_core.procedural.environment.radiometry import unit_w_m2
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.scene.terrain_material import Variation
@@ -169,6 +171,18 @@ def test_a_standard_sun_is_as_bright_as_that_of_the_body() -> None:
         (frame,) = (each for each in sample.frames if each.modality == RADIANCE)
         seen[body] = frame.data.mean(axis=(0, 1))
     np.testing.assert_allclose(seen["moon"] / seen["mars"], 1361 / 586, rtol=0.002)
+
+
+def test_radiance_of_an_unknown_body_needs_its_distance() -> None:
+    data: dict[str, Any] = {
+        "stage": {"preset": "plane", "body": 4.7e5},
+        "sensors": {"cameras": [{"modalities": ["radiance"]}]},
+    }
+    with pytest.raises(ConfigError, match=r"environment\.sun_distance_au: expected a number"):
+        config_from_mapping(data)
+    ceres = config_from_mapping({**data, "environment": {"sun_distance_au": 2.77}})
+    assert ceres.environment.sun_distance_au == 2.77
+    assert unit_w_m2(2.77)[0] * 2.77**2 == pytest.approx(unit_w_m2(1.0)[0])
 
 
 def test_it_survives_as_an_exr_file(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from oaisys_core.config.section import (
     MAX_LEVELS,
@@ -23,6 +23,7 @@ from oaisys_core.config.section import (
 )
 from oaisys_core.config.sections.lamps import MAX_LAMPS, LampConfig, LampName
 from oaisys_core.config.sections.materials import LabelImageConfig
+from oaisys_core.config.sections.sun import SunFromTimeConfig
 from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
 from oaisys_core.scene.sky import SkyModel
 
@@ -48,25 +49,6 @@ class SkyConfig(Section):
     horizon_srgb: ColorSrgb = (0.77, 0.83, 0.88)
     glow_srgb: ColorSrgb = (0.0, 0.0, 0.0)
     glow_deg: float = Field(default=12.0, gt=0, le=180)
-
-
-class SunFromTimeConfig(Section):
-    """The position of the sun by time and place on Earth; it overrides elevation and azimuth.
-
-    Attributes:
-        date_time: Date and time with UTC offset, such as ``2026-06-21T12:00:00+02:00``.
-        latitude_deg, longitude_deg: Place on Earth; north and east are positive.
-        north_offset_deg: Direction of true north in ``map``, counter-clockwise from +y.
-        later_h: Range of hours that are added, for a random time of day.
-        s_per_sample: Seconds between one sample and the next.
-    """
-
-    date_time: AwareDatetime
-    latitude_deg: float = Field(ge=-90, le=90)
-    longitude_deg: float = Field(ge=-180, le=180)
-    north_offset_deg: float = Field(default=0.0, ge=-360, le=360)
-    later_h: Annotated[Range, Within(-8784.0, 8784.0)] = (0.0, 0.0)
-    s_per_sample: float = Field(default=0.0, ge=-86400, le=86400)
 
 
 class SkyLabelsConfig(LabelImageConfig):
@@ -183,10 +165,15 @@ class EnvironmentConfig(Section):
     Attributes:
         sun_elevation_deg: Elevation of the sun's centre above the horizon.
         sun_azimuth_deg: Azimuth from +x (east) towards +y (north).
-        sun_strength_w_m2: Irradiance on a surface that faces the sun, in Blender's scene units.
-        sun_angular_diameter_deg: Angular diameter; a larger sun casts softer shadows.
+        sun_strength_w_m2: Irradiance on a surface that faces the sun, in Blender's scene units, at
+            the body's mean distance from the sun. With ``sun_from_time``, it and the sky's light
+            grow and fall with the distance at that time.
+        sun_angular_diameter_deg: Angular diameter; a larger sun casts softer shadows. None: that
+            of the sun at its distance, 0.533 at 1 au.
         sun_disc: Brightness of the visible disc relative to the sun's strength; 0 hides it.
         sun_from_time: Position of the sun by date, time and place, instead of the angles above.
+        sun_distance_au: Mean distance of the body from the sun. None: that of Earth, the Moon or
+            Mars. Another body needs it, or ``unit_w_m2``, for images of radiance.
         sky: The sky, if no HDRI replaces it.
         sky_strength: Factor on the sky's radiance.
         air, dust, ozone: Densities of the atmosphere; 1 is a clear day on Earth.
@@ -218,9 +205,10 @@ class EnvironmentConfig(Section):
     sun_elevation_deg: Annotated[Range, Within(-90.0, 90.0)] = (38.0, 38.0)
     sun_azimuth_deg: Turn = (125.0, 125.0)
     sun_strength_w_m2: NotNegative = (4.0, 4.0)
-    sun_angular_diameter_deg: Annotated[Range, Within(0.0, 90.0)] = (0.545, 0.545)
+    sun_angular_diameter_deg: Annotated[Range, Within(0.0, 90.0)] | None = None
     sun_disc: NotNegative = (0.0, 0.0)
     sun_from_time: SunFromTimeConfig | None = None
+    sun_distance_au: Annotated[float, Field(gt=0, le=1000)] | None = None
     sky: SkyConfig = SkyConfig()
     sky_strength: NotNegative = (1.0, 1.0)
     air: Density = (1.0, 1.0)

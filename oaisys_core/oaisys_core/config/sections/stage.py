@@ -25,9 +25,12 @@ BODY_TOLERANCE = 0.01
 """Relative difference of two radii of the same body."""
 
 
-def is_earth(radius_m: float) -> bool:
-    """Return whether a radius is that of Earth."""
-    return abs(radius_m / RADIUS_M["earth"] - 1) <= BODY_TOLERANCE
+def body_name(body: Body) -> str | None:
+    """Return the name of a body that is given by name or radius; None for an unknown radius."""
+    if isinstance(body, str):
+        return body
+    named = (name for name, known in RADIUS_M.items() if abs(body / known - 1) <= BODY_TOLERANCE)
+    return next(named, None)
 
 
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
@@ -182,11 +185,6 @@ class StageConfig(Section):
     def body_radius_m(self) -> float:
         """Radius of the body."""
         return RADIUS_M[self.body] if isinstance(self.body, str) else self.body
-
-    @property
-    def is_on_earth(self) -> bool:
-        """Whether the body is Earth."""
-        return is_earth(self.body_radius_m)
 
     @model_validator(mode="after")
     def _consistent(self) -> StageConfig:

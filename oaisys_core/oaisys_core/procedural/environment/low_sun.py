@@ -8,8 +8,10 @@ from math import degrees, radians
 
 import numpy as np
 
-from oaisys_core.config.sections.environment import EnvironmentConfig, SunFromTimeConfig
-from oaisys_core.procedural.environment.sun import sun_position
+from oaisys_core.config.sections.environment import EnvironmentConfig
+from oaisys_core.config.sections.stage import Body
+from oaisys_core.config.sections.sun import SunFromTimeConfig
+from oaisys_core.procedural.environment.sun_in_map import sun_at
 from oaisys_core.scene.sky import Sky
 from oaisys_core.scene.surroundings import FarGround
 
@@ -19,26 +21,30 @@ TIMES = 97
 _LOG = logging.getLogger(__name__)
 
 
-def lowest_sun_rad(config: EnvironmentConfig) -> float | None:
+def lowest_sun_rad(config: EnvironmentConfig, body: Body) -> float | None:
     """Return the lowest elevation of the sun that a configuration allows; None if it never rises.
 
-    It is 0 if the sun may also be below the horizon.
+    It is 0 if the sun may also be below the horizon, and where the ground alone knows the place.
+
+    Raises:
+        InvalidInputError: The configuration gives a time, and there is no ephemeris of the body.
     """
-    if config.sun_from_time is None:
+    at = config.sun_from_time
+    if at is None:
         lowest_rad, highest_rad = (radians(each) for each in config.sun_elevation_deg)
+    elif at.latitude_deg is None:
+        return 0.0
     else:
-        elevations_rad = _elevations_rad(config.sun_from_time)
+        elevations_rad = _elevations_rad(at, body)
         lowest_rad, highest_rad = min(elevations_rad), max(elevations_rad)
     return max(lowest_rad, 0.0) if highest_rad > 0 else None
 
 
-def _elevations_rad(at: SunFromTimeConfig) -> list[float]:
+def _elevations_rad(at: SunFromTimeConfig, body: Body) -> list[float]:
     """Return elevations of the sun over the range of times at which a world may begin."""
     return [
-        sun_position(
-            at.date_time + timedelta(hours=float(later_h)), at.latitude_deg, at.longitude_deg
-        ).elevation_rad
-        for later_h in np.linspace(*at.later_h, TIMES)
+        sun_at(at, at.date_time + timedelta(hours=float(later_h)), body, None).elevation_rad
+        for later_h in np.unique(np.linspace(*at.later_h, TIMES))
     ]
 
 

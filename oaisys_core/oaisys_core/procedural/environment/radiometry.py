@@ -7,13 +7,11 @@ above the air, at the body's mean distance from the sun.
 
 from __future__ import annotations
 
-from math import isclose
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.config.sections.stage import RADIUS_M
 from oaisys_core.scene.sky import Color, Sky
 
 BANDS_NM = {"red": (600.0, 700.0), "green": (500.0, 600.0), "blue": (400.0, 500.0)}
@@ -26,17 +24,13 @@ integrated over `BANDS_NM`."""
 STANDARD_SUN = 4.0
 """``environment.sun_strength_w_m2`` at which the sun is as bright as it is at the body."""
 
-MARS_AU = 1.52366
-"""Semi-major axis of the orbit of Mars (NASA's planetary fact sheet)."""
 
+def unit_w_m2(distance_au: float) -> Color:
+    """Return the irradiance in red, green and blue of one scene unit.
 
-def unit_w_m2(body_radius_m: float) -> Color:
-    """Return the irradiance in red, green and blue of one scene unit at a body.
-
-    Mars is known by its radius; all others are taken to be at 1 au.
+    Args:
+        distance_au: The body's mean distance from the sun, at which a standard sun shines.
     """
-    is_mars = isclose(body_radius_m, RADIUS_M["mars"], rel_tol=0.01)
-    distance_au = MARS_AU if is_mars else 1.0
     red, green, blue = (each / (STANDARD_SUN * distance_au**2) for each in SOLAR_IRRADIANCE_W_M2)
     return (red, green, blue)
 

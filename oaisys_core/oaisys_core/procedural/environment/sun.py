@@ -1,4 +1,4 @@
-"""The position of the sun as seen from a place on Earth.
+"""The apparent position of the sun as seen from Earth, and refraction in its air.
 
 After Meeus, Astronomical Algorithms (1998), chapters 12, 22 and 25 in their shorter form, which
 are accurate to about 0.01 degrees for centuries around 2000. The difference between dynamical and
@@ -9,33 +9,25 @@ from __future__ import annotations
 
 from datetime import datetime, timezone
 from math import asin, atan2, cos, degrees, radians, sin, tan
-from typing import NamedTuple
+
+import numpy as np
+
+from oaisys_core.types import FloatArray
+
+AU_KM = 149_597_870.7
+"""Astronomical unit (IAU 2012, resolution B2)."""
 
 J2000 = datetime(2000, 1, 1, 12, tzinfo=timezone.utc)  # noqa: UP017 - as in Python 3.10
 DAYS_PER_CENTURY = 36525.0
-PARALLAX_RAD = radians(8.794 / 3600)
-"""Parallax of the sun at the horizon."""
 
 
-class SunPosition(NamedTuple):
-    """The apparent position of the sun.
+def sun_from_earth_km(when: datetime) -> FloatArray:
+    """Return the (3,) apparent position of the sun from Earth's centre, in Earth's own axes.
 
-    Attributes:
-        elevation_rad: Elevation above the horizon, including refraction in standard air.
-        azimuth_rad: Azimuth clockwise from true north, 0 to 2π.
-    """
-
-    elevation_rad: float
-    azimuth_rad: float
-
-
-def sun_position(when: datetime, latitude_deg: float, longitude_deg: float) -> SunPosition:
-    """Return the apparent position of the sun.
+    These are x to longitude 0 on the equator, z to the north pole.
 
     Args:
         when: Date and time with its offset from UTC.
-        latitude_deg: North is positive.
-        longitude_deg: East is positive.
 
     Raises:
         ValueError: The time has no offset from UTC.
@@ -43,32 +35,18 @@ def sun_position(when: datetime, latitude_deg: float, longitude_deg: float) -> S
     if when.tzinfo is None:
         raise ValueError(f"received {when}, expected a time with its offset from UTC")
     days = (when - J2000).total_seconds() / 86400
-    right_ascension, declination = _equatorial(days / DAYS_PER_CENTURY)
-    sidereal_deg = 280.46061837 + 360.98564736629 * days
-    hour_angle = radians(sidereal_deg + longitude_deg) - right_ascension
-    latitude = radians(latitude_deg)
-    true_elevation = asin(
-        sin(latitude) * sin(declination) + cos(latitude) * cos(declination) * cos(hour_angle)
+    right_ascension, declination, distance_au = _equatorial(days / DAYS_PER_CENTURY)
+    longitude = right_ascension - radians(280.46061837 + 360.98564736629 * days)
+    direction = (
+        cos(declination) * cos(longitude),
+        cos(declination) * sin(longitude),
+        sin(declination),
     )
-    azimuth_from_south = atan2(
-        sin(hour_angle), cos(hour_angle) * sin(latitude) - tan(declination) * cos(latitude)
-    )
-    seen = true_elevation - PARALLAX_RAD * cos(true_elevation)
-    return SunPosition(seen + _refraction(seen), (azimuth_from_south + radians(180)) % radians(360))
+    return distance_au * AU_KM * np.array(direction)
 
 
-def azimuth_in_map(azimuth_rad: float, north_offset_rad: float) -> float:
-    """Return the azimuth in ``map``, counter-clockwise from +x, of a compass azimuth.
-
-    Args:
-        azimuth_rad: Clockwise from true north.
-        north_offset_rad: Direction of true north, counter-clockwise from +y.
-    """
-    return radians(90) + north_offset_rad - azimuth_rad
-
-
-def _equatorial(centuries: float) -> tuple[float, float]:
-    """Return the apparent right ascension and declination, in radians, centuries after J2000."""
+def _equatorial(centuries: float) -> tuple[float, float, float]:
+    """Return the apparent right ascension and declination, in radians, and the distance in au."""
     t = centuries
     mean_longitude = 280.46646 + t * (36000.76983 + t * 0.0003032)
     anomaly = radians(357.52911 + t * (35999.05029 - t * 0.0001537))
@@ -82,13 +60,17 @@ def _equatorial(centuries: float) -> tuple[float, float]:
     obliquity = radians(
         23.4392911 - t * (0.0130042 + t * (1.64e-7 - t * 5.04e-7)) + 0.00256 * cos(node)
     )
+    eccentricity = 0.016708634 - t * (0.000042037 + t * 0.0000001267)
+    from_perihelion = anomaly + radians(centre)
+    distance_au = 1.000001018 * (1 - eccentricity**2) / (1 + eccentricity * cos(from_perihelion))
     return (
         atan2(cos(obliquity) * sin(longitude), cos(longitude)),
         asin(sin(obliquity) * sin(longitude)),
+        distance_au,
     )
 
 
-def _refraction(elevation_rad: float) -> float:
+def refraction_rad(elevation_rad: float) -> float:
     """Return the refraction in standard air at a true elevation (Sæmundsson 1986)."""
     elevation_deg = degrees(elevation_rad)
     if elevation_deg < -1.0:

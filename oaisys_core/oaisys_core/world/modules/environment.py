@@ -19,14 +19,17 @@ from oaisys_core.config.sections.environment import (
     HdriConfig,
     SkyConfig,
 )
-from oaisys_core.config.sections.stage import is_earth
-from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.environment.dust import shares_under_dust
 from oaisys_core.procedural.environment.effects import load_effects
 from oaisys_core.procedural.environment.hdri import SkyImages, images_of
 from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
 from oaisys_core.procedural.environment.radiometry import unit_w_m2
-from oaisys_core.procedural.environment.sun import azimuth_in_map, sun_position
+from oaisys_core.procedural.environment.sun_in_map import (
+    SeenBody,
+    mean_sun_distance_au,
+    sun_at,
+    sun_diameter_rad,
+)
 from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
 from oaisys_core.world.module import Metadata, SectionModule, World, override
 from oaisys_core.world.modules.lamps import check_changes, lamps_that_are_on
@@ -118,13 +121,12 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
     def apply(self, world: World, section: EnvironmentConfig) -> None:
         """Set sun, sky and lamps."""
         sun = section.sun_from_time
-        if sun is not None and not is_earth(world.surroundings.body_radius_m):
-            expected = "null on a body that is not Earth, whose sky it is of (stage.body)"
-            raise InvalidInputError("environment.sun_from_time", "a time", expected)
         self.changes_by_itself = section.redraw == "sample" or bool(sun and sun.s_per_sample)
         draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
-        unit = section.unit_w_m2 or unit_w_m2(world.surroundings.body_radius_m)
-        sky = self._sky(section, draws, world.sample_id)
+        mean_au = section.sun_distance_au or mean_sun_distance_au(world.surroundings.body_radius_m)
+        unit = section.unit_w_m2 or unit_w_m2(mean_au)
+        sun_now = _sun(section, draws, world, mean_au)
+        sky = self._sky(section, draws, sun_now, (mean_au / sun_now.distance_au) ** 2)
         sky = replace(sky, dips=world.is_in_land, unit_w_m2=unit)
         for index, effect in enumerate(load_effects(section.effects)):
             sky = effect.apply(sky, draws.rng(f"effects.{index}"))
@@ -137,23 +139,31 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
         for thing in section.items_with_labels:
             world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
 
-    def _sky(self, config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> Sky:
-        elevation_rad, azimuth_rad = _sun(config, draws, sample_id)
-        diameter_deg = draws.number("sun_angular_diameter_deg", config.sun_angular_diameter_deg)
+    def _sky(
+        self, config: EnvironmentConfig, draws: NamedDraws, sun: SeenBody, sunlight: float
+    ) -> Sky:
+        """Return the sky under the sun, whose light is ``sunlight`` times that of its mean."""
+        elevation_rad = sun.elevation_rad
+        diameter_rad = sun.angular_diameter_rad
+        if config.sun_angular_diameter_deg is not None:
+            name = "sun_angular_diameter_deg"
+            diameter_rad = radians(draws.number(name, config.sun_angular_diameter_deg))
         ground = config.ground_beyond_label
         gradient = _gradient(config.sky)
-        sun_w_m2 = draws.number("sun_strength_w_m2", config.sun_strength_w_m2)
+        sun_w_m2 = draws.number("sun_strength_w_m2", config.sun_strength_w_m2) * sunlight
         sky_strength = draws.number("sky_strength", config.sky_strength)
         if config.optical_depth is not None:
             depth = draws.number("optical_depth", config.optical_depth)
             shares = shares_under_dust(depth, elevation_rad)
             sky_strength *= sun_w_m2 * _strength_of(shares.diffuse, gradient, elevation_rad)
             sun_w_m2 *= shares.direct
+        else:
+            sky_strength *= sunlight
         return Sky(
             sun_elevation_rad=elevation_rad,
-            sun_azimuth_rad=azimuth_rad,
+            sun_azimuth_rad=sun.azimuth_rad,
             sun_strength_w_m2=sun_w_m2,
-            sun_angular_diameter_rad=radians(diameter_deg),
+            sun_angular_diameter_rad=diameter_rad,
             sky_strength=sky_strength,
             air=draws.number("air", config.air),
             dust=draws.number("dust", config.dust),
@@ -202,17 +212,18 @@ def _redraw(config: EnvironmentConfig, sample_id: int) -> int:
     return (sample_id - 1) // config.step_interval
 
 
-def _sun(config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> tuple[float, float]:
-    """Return the sun's elevation and azimuth in ``map``."""
+def _sun(config: EnvironmentConfig, draws: NamedDraws, world: World, mean_au: float) -> SeenBody:
+    """Return the sun by its angles, at its mean distance, or by time and place."""
     at = config.sun_from_time
     if at is None:
         elevation_deg = draws.number("sun_elevation_deg", config.sun_elevation_deg)
         azimuth_deg = draws.number("sun_azimuth_deg", config.sun_azimuth_deg)
-        return radians(elevation_deg), radians(azimuth_deg)
-    elapsed_s = at.s_per_sample * max(sample_id - 1, 0)
+        diameter_rad = sun_diameter_rad(mean_au)
+        return SeenBody(radians(elevation_deg), radians(azimuth_deg), mean_au, diameter_rad)
+    elapsed_s = at.s_per_sample * max(world.sample_id - 1, 0)
     later = timedelta(hours=draws.number("sun_from_time.later_h", at.later_h), seconds=elapsed_s)
-    seen = sun_position(at.date_time + later, at.latitude_deg, at.longitude_deg)
-    return seen.elevation_rad, azimuth_in_map(seen.azimuth_rad, radians(at.north_offset_deg))
+    body_radius_m = world.surroundings.body_radius_m
+    return sun_at(at, at.date_time + later, body_radius_m, world.georeference)
 
 
 def _gradient(config: SkyConfig) -> Gradient:

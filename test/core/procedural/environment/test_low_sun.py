@@ -113,7 +113,7 @@ def test_a_sun_that_is_set_below_the_hills_is_warned_of_once_per_change(
 
 def test_the_lowest_sun_of_a_configuration_by_angle_and_by_time() -> None:
     def lowest_deg(**section: Any) -> float | None:
-        lowest_rad = lowest_sun_rad(EnvironmentConfig.model_validate(section))
+        lowest_rad = lowest_sun_rad(EnvironmentConfig.model_validate(section), "earth")
         return None if lowest_rad is None else float(np.degrees(lowest_rad))
 
     assert lowest_deg(sun_elevation_deg=(3.0, 70.0)) == pytest.approx(3.0)

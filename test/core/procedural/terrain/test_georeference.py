@@ -137,5 +137,8 @@ def test_the_command_says_where_a_model_lies(tmp_path: Path) -> None:
     assert said.exit_code == 0, said.output
     assert "WGS 84 / UTM zone 33N" in said.output
     assert f"{lon},{lat}  is  0.0000, 0.0000" in said.output.replace("-0.0000", "0.0000")
+    at = CliRunner().invoke(app, ["place", "info", str(path), "--at", "2026-06-21T11:00:00Z"])
+    assert at.exit_code == 0, at.output
+    assert "sun               elevation" in at.output
     wrong = CliRunner().invoke(app, ["place", "info", str(path), "--to-map", "north"])
     assert wrong.exit_code != 0

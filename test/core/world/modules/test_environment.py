@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from oaisys_core import extensions, randomness
 from oaisys_core.config.loading import config_from_mapping
 from oaisys_core.config.sections.environment import EnvironmentConfig
-from oaisys_core.config.sections.stage import StageConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.environment import effects
@@ -157,17 +156,42 @@ class TestSunFromTime:
         assert side * noon[1] > 0.5 > 10 * abs(noon[0])
         assert morning[0] > 0.7
 
-    @pytest.mark.parametrize("body", ["moon", "mars", 2.6e6])
-    def test_it_is_the_sun_of_no_other_body(self, body: str | float) -> None:
-        with pytest.raises(ConfigError, match=r"environment\.sun_from_time.*stage\.body"):
-            config_from_mapping({"stage": {"body": body}, "environment": {"sun_from_time": AT}})
+    def test_it_is_the_sun_of_no_other_body(self) -> None:
+        expected = r"environment\.sun_from_time.*ephemerides.*stage\.body is 2600000"
+        with pytest.raises(ConfigError, match=expected):
+            config_from_mapping({"stage": {"body": 2.6e6}, "environment": {"sun_from_time": AT}})
         config_from_mapping({"stage": {"body": 6.378e6}, "environment": {"sun_from_time": AT}})
         # Bodies and times of metadata meet in the world.
         module = EnvironmentModule(EnvironmentConfig.model_validate({"sun_from_time": AT}))
-        radius_m = StageConfig.model_validate({"body": body}).body_radius_m
-        world = World(surroundings=Surroundings(body_radius_m=radius_m))
-        with pytest.raises(InvalidInputError, match=r"sun_from_time.*not Earth"):
+        world = World(surroundings=Surroundings(body_radius_m=2.6e6))
+        with pytest.raises(InvalidInputError, match=r"sun_from_time.*Earth, the Moon or Mars"):
             module.step_batch(world, None, np.random.default_rng(1))
+
+    def test_the_sun_of_the_moon_shines_by_its_distance(self) -> None:
+        """NASA/JPL Horizons at longitude 0 and latitude 0: see `test_environment_sun`."""
+        at = {"date_time": "2024-06-15T00:00:00Z", "latitude_deg": 0, "longitude_deg": 0}
+        world = World(surroundings=Surroundings(body_radius_m=1.7374e6))
+        module = EnvironmentModule(
+            EnvironmentConfig.model_validate(
+                {"sun_from_time": {**at, "s_per_sample": 43200.0}, "sky": {"model": "none"}}
+            )
+        )
+        module.step_batch(world, None, np.random.default_rng(1))
+        world.sample_id = 2
+        module.step_sample(world, None, np.random.default_rng(1))
+        sky = world.sky
+        assert sky is not None
+        assert degrees(sky.sun_elevation_rad) == pytest.approx(15.182862, abs=0.005)
+        assert degrees(sky.sun_azimuth_rad) == pytest.approx(90 - 88.458421, abs=0.005)
+        assert sky.sun_strength_w_m2 == pytest.approx(4 / 1.01644034**2, rel=1e-6)
+        # 1919.26 seconds of arc at 1 au (Explanatory Supplement to the Astronomical Almanac).
+        seconds = degrees(sky.sun_angular_diameter_rad) * 3600
+        assert seconds == pytest.approx(1919.26 / 1.01644034, rel=1e-3)
+
+    def test_a_place_is_needed(self) -> None:
+        times = {"date_time": "2024-06-15T00:00:00Z"}
+        with pytest.raises(ConfigError, match=r"latitude_deg: expected a number.*stage\.dem"):
+            config_from_mapping({"environment": {"sun_from_time": times}})
 
     def test_true_north_may_lie_elsewhere(self) -> None:
         (plain,) = skies({"sun_from_time": AT})
