@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from oaisys_core.config import SimulationConfig
     from oaisys_core.verification.audit import AuditResult
+    from oaisys_core.verification.light.checks import LightFigure
 
 LARGEST_WRONG_SHARE = 5e-4
 
@@ -43,11 +45,20 @@ def audit(
         float,
         typer.Option(help="Largest allowed share of wrong pixels away from edges.", min=0, max=1),
     ] = LARGEST_WRONG_SHARE,
+    light: Annotated[
+        bool,
+        typer.Option(
+            "--light",
+            help="Audit light instead: grey patches under known light against formulas. Of the"
+            " configuration only the backend counts.",
+        ),
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="JSON file for the figures.")] = None,
 ) -> None:
     """Compare depth and labels of random views with an independent ray cast.
 
-    Exit code 1 if the share of wrong pixels away from edges exceeds the limit.
+    Exit code 1 if the share of wrong pixels away from edges exceeds the limit, or with --light, if
+    a figure is off by more than its limit.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
     from rich.console import Console
@@ -56,6 +67,9 @@ def audit(
 
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    if light:
+        _audit_light(chosen.backend, out)
+        return
     with own_stdout():
         found = _audit(chosen, batches, views)
     figures = [
@@ -80,6 +94,52 @@ def audit(
             f"{worst.sensor}/{worst.modality}: {worst.wrong_share:.4%} of the pixels off edges are"
             f" wrong, expected at most {limit:.4%}"
         )
+
+
+def _audit_light(backend_name: str, out: Path | None) -> None:
+    """Print the figures of the audit of light, and write them to a file.
+
+    Raises:
+        AuditFailedError: A figure misses its limit.
+    """
+    from rich.console import Console
+
+    with own_stdout():
+        found = _light_figures(backend_name)
+    if out is not None:
+        from oaisys_core.output.files import write_text
+
+        figures = [{**asdict(f), "error": f.error, "is_met": f.is_met} for f in found]
+        write_text(out, json.dumps(figures, indent=2) + "\n")
+    Console().print(_light_table(found))
+    missed = [f.name for f in found if not f.is_met]
+    if missed:
+        raise AuditFailedError(f"{len(missed)} of {len(found)} figures miss: {'; '.join(missed)}")
+
+
+def _light_figures(backend_name: str) -> list[LightFigure]:
+    from oaisys_core.render import make_backend
+    from oaisys_core.system.progress_display import ProgressDisplay
+    from oaisys_core.verification.light.checks import CHECKS, figures
+
+    backend = make_backend(backend_name)
+    # Without Blender, only drafts have shadows and the laws of reflection.
+    quality = "draft" if backend_name == "analytic" else "audit"
+    try:
+        with ProgressDisplay("auditing", len(CHECKS)) as display:
+            return figures(backend, quality, display.advance)
+    finally:
+        backend.close()
+
+
+def _light_table(found: list[LightFigure]) -> Table:
+    from rich.table import Table
+
+    table = Table("light", "measured", "formula", "error", "limit", "")
+    for f in found:
+        numbers = f"{f.measured:.5g}", f"{f.expected:.5g}", f"{f.error:+.3%}", f"{f.limit:.0%}"
+        table.add_row(f.name, *numbers, "" if f.is_met else "MISSED")
+    return table
 
 
 def _audit(config: SimulationConfig, batches: int, views: int) -> list[AuditResult]:

@@ -1,0 +1,1 @@
+"""The audit of light: rendered patches under known light against closed forms."""
