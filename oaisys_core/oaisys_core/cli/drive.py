@@ -175,7 +175,8 @@ def plan(
         try:
             simulation.step_batch()
             heights = partial(simulation.query_height, on_stage=True)
-            planned = plan_drive(section, heights, simulation.info().sensors)
+            info = simulation.info()
+            planned = plan_drive(section, heights, info.sensors, info.georeference)
         finally:
             simulation.close()
     write_trajectory(out, planned.trajectory)

@@ -99,7 +99,10 @@ class Drive:
         self._simulation = simulation
         self._config = config
         heights = partial(simulation.query_height, on_stage=True)
-        self.plan = plan or plan_drive(drive_section(config), heights, simulation.info().sensors)
+        info = simulation.info()
+        self.plan = plan or plan_drive(
+            drive_section(config), heights, info.sensors, info.georeference
+        )
         self._imus = {imu.name: imu for imu in config.sensors.imus}
         self._spans_s = _spans_s(config)
         rates = _choose(_sensor_rates(config, self.plan), sensors)

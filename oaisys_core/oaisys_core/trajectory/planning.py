@@ -27,12 +27,13 @@ from oaisys_core.files.poses import (
     read_pose_table,
 )
 from oaisys_core.files.poses.records import MAX_POSES, number
+from oaisys_core.geometry import places
 from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.files import read_trajectory
 from oaisys_core.trajectory.rover import Obstacle, plan_rover_drive
 from oaisys_core.trajectory.trajectory import Trajectory
-from oaisys_core.types import FloatArray, SensorInfo
+from oaisys_core.types import FloatArray, Georeference, SensorInfo
 
 LATEST_S = 2.0**31 - 1
 """Last time of a drive: stamps have 31 bits for whole seconds, and no sign."""
@@ -66,7 +67,10 @@ class DrivePlan:
 
 
 def plan_drive(
-    config: DriveConfig, heights: HeightLookup, sensors: Sequence[SensorInfo] = ()
+    config: DriveConfig,
+    heights: HeightLookup,
+    sensors: Sequence[SensorInfo] = (),
+    georeference: Georeference | None = None,
 ) -> DrivePlan:
     """Return the drive that a configuration describes.
 
@@ -74,9 +78,11 @@ def plan_drive(
         config: Vehicle and waypoints.
         heights: Looks up ground and topmost surface below (N, 3) points in ``map``.
         sensors: The rig's cameras, for files with the poses of one.
+        georeference: Where the ground lies on its body, for waypoints in degrees.
 
     Raises:
-        InvalidInputError: A file cannot be read, or the vehicle cannot drive this way.
+        InvalidInputError: A file cannot be read, the ground is of no place, or the vehicle cannot
+            drive this way.
     """
     obstacle = None
     vehicle = config.vehicle
@@ -86,10 +92,12 @@ def plan_drive(
             vehicle.path, selection, sensors, vehicle.camera, vehicle.times_file
         )
     elif isinstance(vehicle, RoverConfig):
-        plan = plan_rover_drive(vehicle, _waypoints_m(config, sensors)[:, :2], heights)
+        plan = plan_rover_drive(
+            vehicle, _waypoints_m(config, sensors, georeference)[:, :2], heights
+        )
         trajectory, obstacle = plan.trajectory, plan.obstacle
     else:
-        waypoints_m = _in_the_air(vehicle, _waypoints_m(config, sensors), heights)
+        waypoints_m = _in_the_air(vehicle, _waypoints_m(config, sensors, georeference), heights)
         trajectory = plan_flight(vehicle, waypoints_m, config.gravity_m_s2)
     return plan_along(trajectory, config, obstacle)
 
@@ -120,7 +128,7 @@ def plan_along(
     )
 
 
-WAY_KEYS = ("waypoints_m", "waypoints_file", "waypoints_topic")
+WAY_KEYS = ("waypoints_m", "waypoints_lon_lat_deg", "waypoints_file", "waypoints_topic")
 """Keys of a drive that say where it leads; a new one replaces all of them, and the duration."""
 
 
@@ -142,12 +150,30 @@ def change_drive(configured: DriveConfig | None, changes: Mapping[str, Any]) -> 
         raise refusal(error, data, DriveConfig, "drive") from error
 
 
-def _waypoints_m(config: DriveConfig, sensors: Sequence[SensorInfo]) -> FloatArray:
+def _waypoints_m(
+    config: DriveConfig, sensors: Sequence[SensorInfo], georeference: Georeference | None
+) -> FloatArray:
     """Return (K, 3) waypoints; z is NaN where none is given."""
+    if config.waypoints_lon_lat_deg:
+        return _from_degrees(config.waypoints_lon_lat_deg, georeference)
     if config.waypoints_file is not None:
         selection = PoseSelection(topic=config.waypoints_topic)
         return read_waypoints(config.waypoints_file, selection, sensors)
     return np.array([(*point, np.nan)[:3] for point in config.waypoints_m])
+
+
+def _from_degrees(
+    waypoints: Sequence[Sequence[float]], georeference: Georeference | None
+) -> FloatArray:
+    """Return the (K, 3) waypoints in ``map`` of some in degrees; z is NaN where none is given."""
+    if georeference is None:
+        expected = "a stage whose elevation model says where it lies (see `oaisys place info`)"
+        raise InvalidInputError("drive.waypoints_lon_lat_deg", waypoints[0], expected)
+    given = np.array([(*point, np.nan)[:3] for point in waypoints])
+    # PROJ needs no height for a place, and would lose it all for want of one.
+    points_m = places.points_in_map(georeference, np.nan_to_num(given))
+    points_m[np.isnan(given[:, 2]), 2] = np.nan
+    return points_m
 
 
 def read_waypoints(

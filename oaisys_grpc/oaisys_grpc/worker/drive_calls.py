@@ -86,7 +86,8 @@ class DriveCalls:
                 raise InvalidInputError("drive", None, expected)
             section = change_drive(self._config.drive, changes)
             heights = partial(self._simulation.query_height, on_stage=True)
-            plan = plan_drive(section, heights, self._simulation.info().sensors)
+            info = self._simulation.info()
+            plan = plan_drive(section, heights, info.sensors, info.georeference)
         count = len(plan.trajectory.times_s)
         if count > MAX_POSES:
             expected = f"a trajectory of at most {MAX_POSES} poses"

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pyproj import CRS, Transformer
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.trajectory.files import write_poses, write_trajectory
 from oaisys_core.trajectory.planning import DrivePlan, plan_drive
-from oaisys_core.types import FloatArray, HeightQuery
+from oaisys_core.types import FloatArray, Georeference, HeightQuery
+
+DRONE = {"kind": "drone"}
 
 
 def heights(points_m: FloatArray) -> HeightQuery:
@@ -33,6 +36,31 @@ def test_a_rover_drives_on_the_surface_until_the_drive_ends() -> None:
     assert plan.trajectory.end_s > 10
     assert plan.trajectory.positions_m[:, 2] == pytest.approx(2.1)
     assert 1.5 < plan.length_m() < 4.0
+
+
+def test_waypoints_in_degrees_are_where_proj_puts_them() -> None:
+    """On a map of the lunar south pole, whose +y is not true north."""
+    system = CRS.from_user_input("+proj=stere +lat_0=-90 +R=1737400 +units=m +type=crs")
+    to_degrees = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
+    x0, y0 = 90_000.0, -60_000.0
+    here = Georeference(system.to_wkt(), (1.0, 0.0, x0, 0.0, 1.0, y0), -1500.0)
+    way_m = [(-5.0, -5.0), (5.0, 0.0), (5.0, 8.0)]
+    way_deg = [to_degrees.transform(x0 + x, y0 + y) for x, y in way_m]
+    for keys, height_m in (
+        ({"waypoints_lon_lat_deg": way_deg}, 2.1),
+        ({"waypoints_lon_lat_deg": [(*each, 1509.0) for each in way_deg], "vehicle": DRONE}, 9.0),
+    ):
+        section = config_from_mapping({"drive": keys}).drive
+        assert section is not None
+        positions_m = plan_drive(section, heights, (), here).trajectory.positions_m
+        assert positions_m[0] == pytest.approx((-5, -5, height_m), abs=1e-3)
+        assert positions_m[-1] == pytest.approx((5, 8, height_m), abs=1e-3)
+        with pytest.raises(InvalidInputError, match=r"waypoints_lon_lat_deg: .*oaisys place info"):
+            plan_drive(section, heights)
+    with pytest.raises(ConfigError, match="one of waypoints_m, waypoints_lon_lat_deg"):
+        config_from_mapping({"drive": {"waypoints_lon_lat_deg": way_deg, "waypoints_m": way_m}})
+    with pytest.raises(ConfigError, match=r"waypoints_lon_lat_deg\.1\.1: received 95\.0"):
+        config_from_mapping({"drive": {"waypoints_lon_lat_deg": [(46.5, 7.5), (7.6, 95.0)]}})
 
 
 def test_waypoints_come_from_a_file_and_a_drone_keeps_its_height(tmp_path: Path) -> None:
@@ -90,7 +118,7 @@ def test_a_way_that_cannot_be_driven_is_refused(drive: dict[str, Any], message: 
 @pytest.mark.parametrize(
     ("drive", "message"),
     [
-        ({}, "either waypoints_m or waypoints_file"),
+        ({}, "one of waypoints_m, waypoints_lon_lat_deg and waypoints_file"),
         ({"vehicle": {"kind": "file", "path": "none.csv"}}, r"drive\.vehicle\.path.*existing file"),
         ({"vehicle": {"kind": "sledge"}, "waypoints_m": [[0, 0]]}, "sledge"),
         ({"vehicle": {"kind": "rover", "axles_m": [1, 1]}, "waypoints_m": [[0, 0]]}, "axles_m"),

@@ -11,6 +11,10 @@ from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
 Waypoint = tuple[float, float] | Vector3
 
+Longitude = Annotated[float, Field(ge=-180, le=360)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+WaypointInDegrees = tuple[Longitude, Latitude] | tuple[Longitude, Latitude, float]
+
 Gravity = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=0, le=100)]
 """A body, or its surface gravity in m/s^2."""
 
@@ -145,6 +149,9 @@ class DriveConfig(Section):
         vehicle: What moves the rig.
         waypoints_m: (x, y) or (x, y, z) of the waypoints; a rover needs no z, a drone needs it
             unless ``height_above_ground_m`` is set.
+        waypoints_lon_lat_deg: (longitude, latitude) or (longitude, latitude, elevation in m) of the
+            waypoints, instead of ``waypoints_m``, on an elevation model that says where it lies;
+            see ``oaisys place info``. East and north are positive.
         waypoints_file: CSV file with the columns x_m, y_m and perhaps z_m, or any other file of
             poses, whose positions are the waypoints, instead of ``waypoints_m``; relative to the
             configuration file.
@@ -158,6 +165,7 @@ class DriveConfig(Section):
 
     vehicle: AnyVehicle = RoverConfig()
     waypoints_m: tuple[Waypoint, ...] = ()
+    waypoints_lon_lat_deg: tuple[WaypointInDegrees, ...] = ()
     waypoints_file: ConfigPath | None = None
     waypoints_topic: str | None = None
     duration_s: Positive | None = None
@@ -172,7 +180,8 @@ class DriveConfig(Section):
 
     @model_validator(mode="after")
     def _has_a_way(self) -> DriveConfig:
-        ways = bool(self.waypoints_m) + (self.waypoints_file is not None)
+        given = (self.waypoints_m, self.waypoints_lon_lat_deg, self.waypoints_file)
+        ways = sum(map(bool, given))
         if self.waypoints_topic is not None and self.waypoints_file is None:
             raise ValueError("waypoints_topic needs waypoints_file")
         if self.vehicle.kind == "file":
@@ -180,5 +189,7 @@ class DriveConfig(Section):
                 raise ValueError("a vehicle of kind file follows its file: expected no waypoints")
             return self
         if ways != 1:
-            raise ValueError("expected either waypoints_m or waypoints_file")
+            raise ValueError(
+                "expected one of waypoints_m, waypoints_lon_lat_deg and waypoints_file"
+            )
         return self
