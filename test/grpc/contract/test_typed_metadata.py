@@ -20,7 +20,6 @@ from oaisys_core.config.sections.environment import (
     HazeConfig,
     SkyConfig,
 )
-from oaisys_core.config.sections.environment import SunFromTimeConfig as SunFromTime
 from oaisys_core.config.sections.lamps import LampConfig
 from oaisys_core.config.sections.render import (
     AutoExposureConfig,
@@ -30,6 +29,7 @@ from oaisys_core.config.sections.render import (
     SensorNoiseConfig,
 )
 from oaisys_core.config.sections.sensors import DistortionConfig, LensConfig, OpticsConfig
+from oaisys_core.config.sections.sun import SunFromTimeConfig as SunFromTime
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata
 from oaisys_core.world.modules.assets.metadata import AssetMetadata, GroupEdit, ObjectEdit

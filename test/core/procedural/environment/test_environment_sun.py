@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from oaisys_core.config.sections.sun import SunFromTimeConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.environment import ephemeris
+from oaisys_core.procedural.environment.ephemeris import Target
 from oaisys_core.procedural.environment.sun import sun_from_earth_km
 from oaisys_core.procedural.environment.sun_in_map import (
     SeenBody,
@@ -134,16 +135,17 @@ def test_discs_are_as_large_as_in_horizons() -> None:
     assert degrees(earth.angular_diameter_rad) * 3600 == pytest.approx(6585.038, abs=0.5)
 
 
-def test_sun_and_earth_are_above_their_published_points_of_the_moon() -> None:
+@pytest.mark.parametrize(
+    ("target", "longitude_deg", "latitude_deg"),
+    [("sun", -55.867, -1.554), ("earth", 0.041, -4.685)],
+)
+def test_sun_and_earth_are_above_their_published_points_of_the_moon(
+    target: Target, longitude_deg: float, latitude_deg: float
+) -> None:
     """NASA's Scientific Visualization Studio, Moon phase and libration 2024, 1 January 00:00."""
-    when = datetime(2024, 1, 1, tzinfo=UTC)
-    for target, longitude_deg, latitude_deg in (
-        ("sun", -55.867, -1.554),
-        ("earth", 0.041, -4.685),
-    ):
-        axes = axes_of_place(longitude_deg, latitude_deg, 0.0)
-        seen = seen_over(axes, "moon", target, when)
-        assert degrees(seen.elevation_rad) > 90 - 0.006
+    axes = axes_of_place(longitude_deg, latitude_deg, 0.0)
+    seen = seen_over(axes, "moon", target, datetime(2024, 1, 1, tzinfo=UTC))
+    assert degrees(seen.elevation_rad) > 90 - 0.006
 
 
 HORIZONS_JEZERO = [
