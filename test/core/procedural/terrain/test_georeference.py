@@ -128,6 +128,34 @@ def test_batches_tell_their_place(tmp_path: Path) -> None:
     assert places.system_of(place.wkt).to_epsg() == 32633
 
 
+def test_the_sun_of_a_time_stands_over_the_place_of_the_model(tmp_path: Path) -> None:
+    """North at longitude L of this map is (sin L, cos L), so compass azimuths turn by L."""
+    lon, lat = write(tmp_path / "a.tif", *FILES["lunar pole"])
+    when = {"date_time": "2026-01-28T00:00:00Z"}
+    own = {**when, "latitude_deg": lat, "longitude_deg": lon, "north_offset_deg": 0.0}
+    skies = []
+    for sun, stage in (
+        (when, {"dem": {"file": str(tmp_path / "a.tif")}, "surroundings": "plain"}),
+        (own, {"preset": "plane", "resolution_px": 9}),
+    ):
+        simulation = Simulation(
+            config_from_mapping(
+                {
+                    "backend": "analytic",
+                    "stage": {**stage, "body": "moon"},
+                    "assets": {"rocks": []},
+                    "environment": {"sky": {"model": "none"}, "sun_from_time": sun},
+                }
+            )
+        )
+        simulation.step_batch()
+        skies.append(simulation.scene.sky)
+    on_tile, by_compass = skies
+    assert on_tile.sun_elevation_rad == pytest.approx(by_compass.sun_elevation_rad, abs=1e-6)
+    turn = on_tile.sun_azimuth_rad - by_compass.sun_azimuth_rad + np.radians(lon)
+    assert abs(np.angle(np.exp(1j * turn))) < 1e-5
+
+
 def test_the_command_says_where_a_model_lies(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     lon, lat = write(path, *FILES["UTM"])
