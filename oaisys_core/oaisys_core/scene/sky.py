@@ -26,17 +26,21 @@ class Gradient:
         zenith, horizon: Radiance at ``sky_strength`` 1.
         glow: Radiance added around the sun.
         glow_rad: Angle from the sun at which the glow has fallen to 1 / e.
+        power: Of the sine of the elevation, by which the zenith's colour takes over.
     """
 
     zenith: Color = (0.14, 0.28, 0.60)
     horizon: Color = (0.55, 0.65, 0.75)
     glow: Color = (0.0, 0.0, 0.0)
     glow_rad: float = 0.2
+    power: float = 0.5
 
 
 def gradient_radiance(gradient: Gradient, directions: FloatArray, to_sun: FloatArray) -> FloatArray:
     """Return the (N, 3) radiance along (N, 3) unit vectors; ``to_sun`` is one, too."""
-    share = np.sqrt(np.maximum(directions[:, 2], 0.0))[:, None]
+    up = np.maximum(directions[:, 2], 0.0)
+    # A square root has the same bytes everywhere; powers need not.
+    share = (np.sqrt(up) if gradient.power == 0.5 else up**gradient.power)[:, None]
     color = np.array(gradient.horizon) * (1 - share) + np.array(gradient.zenith) * share
     angle = np.arccos(np.clip(directions @ to_sun, -1.0, 1.0))
     glow = np.exp(-angle / gradient.glow_rad)[:, None] * np.array(gradient.glow)

@@ -36,6 +36,7 @@ def test_the_closed_forms_are_their_integrals() -> None:
         lambda e: 2 * pi * (0.2 * (1 - sin(e) ** 0.5) + sin(e) ** 0.5) * sin(e) * cos(e), 0, pi / 2
     )
     assert closed_forms.gradient_irradiance(1.0, 0.2) == pytest.approx(by_elevation, rel=1e-6)
+    assert closed_forms.gradient_irradiance(1.0, 1 / 3, 1.0) == pytest.approx(7 * pi / 9)
     for offset in (-0.9, -0.2, 0.0, 0.5):
         # The part of the unit disc whose height over the centre exceeds minus the offset.
         area, _ = dblquad(
@@ -53,7 +54,7 @@ def test_the_closed_forms_are_their_integrals() -> None:
 @pytest.mark.blender
 def test_cycles_meets_every_formula() -> None:
     found: list[LightFigure] = in_blender("light_audit.light_figures")
-    assert len(found) == 18
+    assert len(found) == 19
     assert [f for f in found if not f.is_met] == []
 
 

@@ -37,14 +37,15 @@ class SkyConfig(Section):
     """The sky, if no HDRI replaces it.
 
     Attributes:
-        model: ``atmosphere`` computes the sunlight scattered by Earth's atmosphere, ``plain`` uses
-            the colours below, ``none`` is black.
+        model: ``atmosphere`` computes the sunlight scattered by Earth's atmosphere, ``overcast`` is
+            a sky of thick clouds without a sun, ``plain`` uses the colours below, ``none`` is
+            black.
         zenith_srgb, horizon_srgb: Colours of a plain sky at the zenith and at the horizon.
         glow_srgb: Colour that a plain sky has in addition around the sun.
         glow_deg: Angle from the sun at which this glow has fallen to 1 / e.
     """
 
-    model: SkyModel = "atmosphere"
+    model: SkyModel | Literal["overcast"] = "atmosphere"
     zenith_srgb: ColorSrgb = (0.41, 0.57, 0.8)
     horizon_srgb: ColorSrgb = (0.77, 0.83, 0.88)
     glow_srgb: ColorSrgb = (0.0, 0.0, 0.0)
@@ -240,9 +241,10 @@ class EnvironmentConfig(Section):
 
     @model_validator(mode="after")
     def _clouds_have_air(self) -> EnvironmentConfig:
-        if self.clouds is not None and self.sky.model == "none":
+        if self.clouds is not None and self.sky.model in ("none", "overcast"):
             raise ValueError(
-                "clouds: expected sky.model atmosphere or plain with them, received none"
+                "clouds: expected sky.model atmosphere or plain with them, "
+                f"received {self.sky.model}"
             )
         return self
 

@@ -129,11 +129,14 @@ def _sky(renderer: Renderer) -> Iterator[LightFigure]:
     white = Ground(grey=255)
     image = renderer.image(world(white, lit_by_sky(1.0, 1.0)), DOWN, 256)
     yield LightFigure("white furnace", float(image.mean()), 1.0)
-    for zenith, horizon in ((0.3, 1.0), (1.0, 0.2)):
-        image = renderer.image(world(white, lit_by_sky(zenith, horizon)), DOWN, 256)
-        expected = closed_forms.gradient_irradiance(zenith, horizon)
-        name = f"irradiance of a sky of {zenith} (zenith) to {horizon} (horizon)"
-        yield LightFigure(name, pi * float(image.mean()), expected)
+    for name, zenith, horizon, power in (
+        ("a sky of 0.3 (zenith) to 1.0 (horizon)", 0.3, 1.0, 0.5),
+        ("a sky of 1.0 (zenith) to 0.2 (horizon)", 1.0, 0.2, 0.5),
+        ("the CIE's overcast sky", 1.0, 1 / 3, 1.0),
+    ):
+        image = renderer.image(world(white, lit_by_sky(zenith, horizon, power)), DOWN, 256)
+        expected = closed_forms.gradient_irradiance(zenith, horizon, power)
+        yield LightFigure(f"irradiance of {name}", pi * float(image.mean()), expected)
 
 
 def _lamp(kind: str, height_m: float) -> Lamp:

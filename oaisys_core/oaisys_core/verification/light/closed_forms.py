@@ -42,13 +42,14 @@ def rough_from_above(albedo: float, roughness: float, sun_cos: float) -> float:
     return a + several
 
 
-def gradient_irradiance(zenith: float, horizon: float) -> float:
+def gradient_irradiance(zenith: float, horizon: float, power: float = 0.5) -> float:
     """Return the irradiance of level ground under a sky of this radiance.
 
-    At the elevation e it is ``horizon (1 - w) + zenith w`` with w = sqrt(sin e); times sin e, and
-    integrated over the sky's solid angle, that is 2 pi (horizon / 10 + 2 zenith / 5).
+    At the elevation e it is ``horizon (1 - w) + zenith w`` with w = sin(e)^power; times sin e, and
+    integrated over the sky's solid angle, w becomes 2 pi / (power + 2) and 1 becomes pi. The CIE's
+    overcast sky has a horizon of a third of the zenith and the power 1: 7 pi / 9 of the zenith.
     """
-    return 2 * pi * (horizon / 10 + 2 * zenith / 5)
+    return 2 * pi * (horizon * (0.5 - 1 / (power + 2)) + zenith / (power + 2))
 
 
 def visible_share_of_disc(offset: FloatArray) -> FloatArray:

@@ -23,6 +23,7 @@ from oaisys_core.procedural.environment.dust import shares_under_dust
 from oaisys_core.procedural.environment.effects import load_effects
 from oaisys_core.procedural.environment.hdri import SkyImages, images_of
 from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
+from oaisys_core.procedural.environment.overcast import OVERCAST, overcast_share
 from oaisys_core.procedural.environment.radiometry import unit_w_m2
 from oaisys_core.procedural.environment.sun_in_map import (
     SeenBody,
@@ -157,6 +158,10 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             shares = shares_under_dust(depth, elevation_rad)
             sky_strength *= sun_w_m2 * _strength_of(shares.diffuse, gradient, elevation_rad)
             sun_w_m2 *= shares.direct
+        elif config.sky.model == "overcast":
+            share = overcast_share(elevation_rad)
+            sky_strength *= sun_w_m2 * _strength_of(share, gradient, elevation_rad)
+            sun_w_m2 = 0.0
         else:
             sky_strength *= sunlight
         return Sky(
@@ -171,7 +176,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             semantic_ids=config.sky_labels.semantic_ids,
             altitude_m=draws.number("altitude_m", config.altitude_m),
             sun_disc=draws.number("sun_disc", config.sun_disc),
-            model=config.sky.model,
+            model="plain" if config.sky.model == "overcast" else config.sky.model,
             gradient=gradient,
             hdri=self._hdri(config.hdri, config.sky_labels.semantic_ids, draws),
             haze=_haze(config.haze, draws),
@@ -227,6 +232,8 @@ def _sun(config: EnvironmentConfig, draws: NamedDraws, world: World, mean_au: fl
 
 
 def _gradient(config: SkyConfig) -> Gradient:
+    if config.model == "overcast":
+        return OVERCAST
     return Gradient(
         zenith=_color(config.zenith_srgb),
         horizon=_color(config.horizon_srgb),

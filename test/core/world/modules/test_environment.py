@@ -17,8 +17,10 @@ from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.environment import effects
+from oaisys_core.procedural.environment.light import LUMINANCE, level_irradiance_w_m2
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.scene import Sky
+from oaisys_core.scene.sky import gradient_radiance
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import SEMANTIC_0, ModuleMetadata
 from oaisys_core.world.module import World, require
@@ -398,3 +400,30 @@ def test_metadata_is_refused_before_anything_changes(
     with pytest.raises(InvalidInputError, match=fault):
         simulator.step_sample(ModuleMetadata(environment=change))
     assert simulator.state() == before
+
+
+class TestOvercast:
+    """A sky of thick clouds."""
+
+    def test_light_on_level_ground_is_that_of_a_dull_day(self) -> None:
+        for elevation_deg, klx in ((10.0, 3.95), (30.0, 10.8), (60.0, 18.49)):
+            (sky,) = skies({"sky": {"model": "overcast"}, "sun_elevation_deg": elevation_deg})
+            assert sky.lamp_w_m2 == 0
+            # The sun above the air gives 133.3 klx, here 4 units.
+            luminance = float(level_irradiance_w_m2(sky) @ LUMINANCE)
+            assert luminance == pytest.approx(4 * klx / 133.3, rel=2e-3)
+
+    def test_it_is_three_times_as_bright_above_as_at_the_horizon(self) -> None:
+        (sky,) = skies({"sky": {"model": "overcast"}})
+        directions = np.array([[0, 0, 1], [0, 0.75**0.5, 0.5], [1, 0, 0]])
+        zenith, middle, horizon = gradient_radiance(sky.gradient, directions, np.array(sky.to_sun))
+        assert zenith / horizon == pytest.approx(np.full(3, 3.0))
+        assert middle / horizon == pytest.approx(np.full(3, 2.0))
+
+    def test_the_night_is_dark(self) -> None:
+        (sky,) = skies({"sky": {"model": "overcast"}, "sun_elevation_deg": -12.0})
+        assert 0 < float(level_irradiance_w_m2(sky) @ LUMINANCE) < 1e-6
+
+    def test_clouds_of_their_own_are_refused(self) -> None:
+        with pytest.raises(ValueError, match="received overcast"):
+            skies({"sky": {"model": "overcast"}, "clouds": {}})

@@ -95,11 +95,13 @@ def _gradient_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
     gradient = sky.gradient
     up = tree.math("MAXIMUM", _up(tree, ray), 0.0)
     zenith, horizon = np.array(gradient.zenith), np.array(gradient.horizon)
-    change = tree.scale(tuple((zenith - horizon).tolist()), tree.math("SQRT", up))
+    is_root = gradient.power == 0.5
+    share = tree.math("SQRT", up) if is_root else tree.math("POWER", up, gradient.power)
+    change = tree.scale(tuple((zenith - horizon).tolist()), share)
     color = tree.vector("ADD", change, gradient.horizon)
     angle = tree.math("ARCCOSINE", _towards_sun(tree, sky, ray))
-    share = tree.math("EXPONENT", tree.math("DIVIDE", angle, -gradient.glow_rad))
-    return tree.vector("ADD", color, tree.scale(gradient.glow, share))
+    near = tree.math("EXPONENT", tree.math("DIVIDE", angle, -gradient.glow_rad))
+    return tree.vector("ADD", color, tree.scale(gradient.glow, near))
 
 
 def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
