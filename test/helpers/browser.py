@@ -86,6 +86,25 @@ class Page:
         )
         return shown
 
+    def hold_key(self, code: str, key: str, seconds: float) -> None:
+        """Hold a key down, such as ``KeyW``, which types ``w``."""
+        for kind, pause_s in (("keyDown", seconds), ("keyUp", 0.0)):
+            self._call("Input.dispatchKeyEvent", type=kind, code=code, key=key)
+            time.sleep(pause_s)
+
+    def click_button(self, label: str) -> None:
+        """Click the button of a label, once there is one."""
+        button = f"[...document.querySelectorAll('button')].find(b => b.innerText === {label!r})"
+        self.wait_for(f"!!{button}")
+        self.value(f"{button}.click()")
+
+    def fill_in(self, selector: str, text: str) -> None:
+        """Type into a text field, as a person does."""
+        self.value(
+            f"(field => {{field.focus(); field.select()}})(document.querySelector({selector!r}))"
+        )
+        self._call("Input.insertText", text=text)
+
     def picture(self) -> NDArray[np.uint8]:
         """Return the window as (H, W, 3) RGB."""
         data = base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])

@@ -54,6 +54,7 @@ class PosedImages(ShortRepr):
         depth_m: (H, W) float32 planar depth, or None; values that are not finite are left out.
         semantic_ids: (H, W) uint16, or None.
         camera: The camera and its pose.
+        instance_ids: (H, W) uint32, or None.
     """
 
     name: str
@@ -61,6 +62,7 @@ class PosedImages(ShortRepr):
     depth_m: NDArray[np.float32] | None
     semantic_ids: NDArray[np.uint16] | None
     camera: PosedCamera
+    instance_ids: NDArray[np.uint32] | None = None
 
 
 class WebViewer:
@@ -95,7 +97,9 @@ class WebViewer:
         scene.world_axes.visible = True
         self._server.initial_camera.position = OVERVIEW_M
         self._server.initial_camera.look_at = (0.0, 0.0, 0.0)
-        self._server.gui.configure_theme(control_layout="collapsible", show_logo=False)
+        gui = self._server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False)  # it opens a public tunnel
+        gui.main_panel.dock_right()
         self._description = self._server.gui.add_markdown("Waiting for a view.")
         self._checkboxes = {
             name: self._server.gui.add_checkbox(name, initial_value=True)
@@ -127,6 +131,11 @@ class WebViewer:
             self._server.stop()
 
     @property
+    def server(self) -> viser.ViserServer:
+        """The page's server, for what others add to the page."""
+        return self._server
+
+    @property
     def url(self) -> str:
         """Address of the page, with the token without which all requests are refused."""
         host = self._server.get_host()
@@ -136,12 +145,16 @@ class WebViewer:
 
     def add(self, view: PosedImages) -> None:
         """Show a view: camera and point cloud in the scene, images in the side panel."""
-        self._view_count += 1
         with self._server.atomic():
-            self._add_camera(view)
-            self._show_cloud(view)
+            self.add_to_scene(view)
             self._show_images(view)
-            self._describe(view)
+
+    def add_to_scene(self, view: PosedImages) -> None:
+        """Show a view's camera and point cloud, without its images."""
+        self._view_count += 1
+        self._add_camera(view)
+        self._show_cloud(view)
+        self._describe(view)
 
     def set_mesh(self, mesh: ColoredMesh) -> None:
         """Replace the mesh that is shown."""
@@ -157,12 +170,19 @@ class WebViewer:
 
     def clear(self) -> None:
         """Remove all views and the mesh, as for a new world."""
-        for handle in (*self._cameras, self._mesh, self._cloud):
+        for handle in (*self._cameras, self._cloud):
             if handle is not None:
                 handle.remove()
         self._cameras.clear()
-        self._mesh = self._cloud = None
+        self._cloud = None
         self._view_count = 0
+        self.clear_mesh()
+
+    def clear_mesh(self) -> None:
+        """Remove the mesh."""
+        mesh, self._mesh = self._mesh, None
+        if mesh is not None:
+            mesh.remove()
 
     def save(self, path: Path) -> None:
         """Write the present scene as a page that needs neither a server nor a network."""
@@ -203,14 +223,7 @@ class WebViewer:
         )
 
     def _show_images(self, view: PosedImages) -> None:
-        images: dict[str, NDArray[np.uint8]] = {}
-        if view.rgb is not None:
-            images["colour"] = view.rgb
-        if view.depth_m is not None:
-            images["depth"] = pictures.depth_picture(view.depth_m, *_range_m(view.depth_m))
-        if view.semantic_ids is not None:
-            images["classes"] = pictures.semantic_picture(view.semantic_ids, self.labels)
-        for name, image in images.items():
+        for name, image in side_pictures(view, self.labels).items():
             if name in self._images:
                 self._images[name].image = image
             else:
@@ -231,6 +244,20 @@ class WebViewer:
             self._mesh.visible = chosen["mesh"]
         if self._cloud is not None:
             self._cloud.visible = chosen["cloud"]
+
+
+def side_pictures(view: PosedImages, labels: Mapping[int, str]) -> dict[str, NDArray[np.uint8]]:
+    """Return the images of a view as (H, W, 3) pictures by their names on the page."""
+    images: dict[str, NDArray[np.uint8]] = {}
+    if view.rgb is not None:
+        images["colour"] = view.rgb
+    if view.depth_m is not None:
+        images["depth"] = pictures.depth_picture(view.depth_m, *_range_m(view.depth_m))
+    if view.semantic_ids is not None:
+        images["classes"] = pictures.semantic_picture(view.semantic_ids, labels)
+    if view.instance_ids is not None:
+        images["objects"] = pictures.instance_picture(view.instance_ids)
+    return images
 
 
 def point_cloud_of(

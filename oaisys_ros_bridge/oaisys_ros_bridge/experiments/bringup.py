@@ -100,7 +100,7 @@ def bring_up(
     with ExitStack() as stack:
         stack.enter_context(naming_logs(options.out / "logs"))
         stack.enter_context(own_domain())
-        address = f"unix:{stack.enter_context(_socket_folder())}/server"
+        address = f"unix:{stack.enter_context(socket_folder())}/server"
         processes = _Processes(options, stack)
         reporter.say("starting the simulator")
         server = processes.start_server(config_path, address)
@@ -126,7 +126,15 @@ def bring_up(
         yield SimulatorStack(simulator, client, info.sensors[0], _sensor_with_pose(info))
 
 
-def _socket_folder() -> tempfile.TemporaryDirectory[str]:
+def serve_arguments(options: ExperimentOptions, config_path: Path, address: str) -> list[str]:
+    """Return the arguments of ``python -m oaisys_grpc`` with which a simulator serves."""
+    arguments = ["serve", "--config", str(config_path), "--address", address]
+    if options.worker_python is not None:
+        arguments += ["--worker-python", str(options.worker_python)]
+    return [*arguments, *options.server_options]
+
+
+def socket_folder() -> tempfile.TemporaryDirectory[str]:
     """Return a folder for a socket, whose address is known before the server runs."""
     usual = tempfile.gettempdir()
     short = usual if len(usual) <= _LONGEST_FOLDER else "/tmp"  # noqa: S108 - made for this user
@@ -168,11 +176,9 @@ class _Processes:
 
     def start_server(self, config_path: Path, address: str) -> ManagedProcess:
         """Start the simulator; it prints ``ready:`` once its worker is ready."""
-        arguments = ["serve", "--config", str(config_path), "--address", address]
-        if self._options.worker_python is not None:
-            arguments += ["--worker-python", str(self._options.worker_python)]
-        arguments += self._options.server_options
-        return self._start("server", "oaisys_grpc", arguments)
+        return self._start(
+            "server", "oaisys_grpc", serve_arguments(self._options, config_path, address)
+        )
 
     def start_bridge(self, address: str) -> None:
         """Start the bridge; it looks for the server until that is ready."""

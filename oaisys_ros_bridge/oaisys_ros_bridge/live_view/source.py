@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import NotFoundError
 from oaisys_core.types import (
     DEPTH,
+    INSTANCE,
     RGB,
     SEMANTIC_0,
     FloatArray,
@@ -155,4 +156,6 @@ def images_with_pose(
     if depth_m is not None:
         depth_m, rgb = rectify(depth_m, rgb, intrinsics)
     camera = PosedCamera(rectify_camera(intrinsics), T_map_camera)
-    return PosedImages(name, rgb, depth_m, images.get(SEMANTIC_0), camera)
+    return PosedImages(
+        name, rgb, depth_m, images.get(SEMANTIC_0), camera, instance_ids=images.get(INSTANCE)
+    )

@@ -68,10 +68,10 @@ def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
         if options.save is not None:
             page.save(options.save)
             say(f"saved: {options.save}")
-        _end_within(LONGEST_END_S)
+        end_within(LONGEST_END_S)
 
 
-def _end_within(seconds: float) -> None:
+def end_within(seconds: float) -> None:
     """Exit with code 0 after ``seconds``, unless the process has ended by itself."""
     timer = threading.Timer(seconds, os._exit, (0,))
     timer.daemon = True
