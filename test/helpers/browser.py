@@ -98,11 +98,19 @@ class Page:
         self.wait_for(f"!!{button}")
         self.value(f"{button}.click()")
 
-    def fill_in(self, selector: str, text: str) -> None:
-        """Type into a text field, as a person does."""
-        self.value(
-            f"(field => {{field.focus(); field.select()}})(document.querySelector({selector!r}))"
+    def fill_in(self, label: str, text: str) -> None:
+        """Type into the text field beside a label, as a person does, in place of what it has."""
+        found = self.value(
+            f"""(label => {{
+                let place = label;
+                while (place && !place.querySelector("input")) place = place.parentElement;
+                const field = place.querySelector("input");
+                field.focus();
+                field.select();
+                return true;
+            }})([...document.querySelectorAll("label")].find(l => l.innerText === {label!r}))"""
         )
+        assert found, f"no field {label!r}"
         self._call("Input.insertText", text=text)
 
     def picture(self) -> NDArray[np.uint8]:

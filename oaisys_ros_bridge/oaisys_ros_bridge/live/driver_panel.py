@@ -32,7 +32,6 @@ class DriverPanel:
         desk: Takes the requests.
         on_window: Called when the driver has chosen what the window shows.
         bag_fault: Why no bag can be recorded; empty: one can.
-        seed: Of the present world.
     """
 
     def __init__(
@@ -41,7 +40,6 @@ class DriverPanel:
         desk: Desk,
         on_window: Callable[[], None],
         bag_fault: str,
-        seed: int,
     ) -> None:
         self._gui = client.gui
         self._desk = desk
@@ -50,7 +48,7 @@ class DriverPanel:
         with self._folder("Drive", -40):
             self._add_motion(on_window)
         with self._folder("World", -30):
-            self._add_world(seed)
+            self._add_world()
         with self._folder("Light", -20, is_open=False):
             self._add_light()
         with self._folder("Keep", -10):
@@ -102,9 +100,9 @@ class DriverPanel:
             "dragging to turn."
         )
 
-    def _add_world(self, seed: int) -> None:
+    def _add_world(self) -> None:
         gui = self._gui
-        number = gui.add_number("seed", seed + 1, min=0, max=2**53, step=1)
+        number = gui.add_number("seed", 1, min=0, max=2**53, step=1)
         preset = gui.add_text("preset", "", hint="Kind of terrain; empty: as configured.")
         button = gui.add_button("New world")
 

@@ -51,7 +51,7 @@ class Outputs:
         if not config_json:
             raise OaisysError("the simulator is older and does not tell its configuration")
         text = f"# The world that was shown has the seed {seed} (StepBatch).\n"
-        changed = changed_config(json.loads(config_json), changes)
+        changed = apply_changes(json.loads(config_json), changes)
         text += yaml.safe_dump(changed, sort_keys=False, allow_unicode=True)
         return _write(self.new_path("config_", ".yaml"), text.encode())
 
@@ -102,7 +102,7 @@ def picture_png(sample: Sample, frame: Frame) -> bytes:
     return buffer.getvalue()
 
 
-def changed_config(config: Mapping[str, Any], changes: ModuleMetadata) -> dict[str, Any]:
+def apply_changes(config: Mapping[str, Any], changes: ModuleMetadata) -> dict[str, Any]:
     """Return a configuration with metadata's changes in the sections that they are of."""
     sections = {
         "environment": changes.environment,

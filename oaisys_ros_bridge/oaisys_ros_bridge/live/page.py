@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,10 +22,9 @@ from oaisys_ros_bridge.live.driver_panel import DriverPanel
 PIVOT_M = 0.1
 """Distance of the point that the browser's camera turns around: it turns almost on the spot."""
 
-ECHO_TIMEOUT_S = 2.0
-"""How long a browser may take to go where it is sent; what it says before is of its old place."""
-
 ECHO_TOLERANCE_M = 1e-3
+"""How far a browser is from where it was sent, by rounding."""
+
 NOTE_S = 8.0
 """How long a note stays on the page."""
 
@@ -60,12 +58,11 @@ class LivePage:
         self._panel: DriverPanel | None = None
         self._buttons: dict[int, Any] = {}
         self._pivot_m: FloatArray | None = None
-        self._echo_deadline_s = 0.0
+        self._sent_from_m: FloatArray | None = None
         self._pose: FloatArray | None = None
         self._camera: PinholeIntrinsics | None = None
         self._picture: NDArray[np.uint8] | None = None
         self._is_recording = False
-        self.seed = 0
         self._status = viewer.server.gui.add_markdown("Starting.", order=-100)
         self._images: dict[str, Any] = {}
         self._side = _add_image_panel(viewer.server)
@@ -161,9 +158,7 @@ class LivePage:
 
     def _make_driver(self, client: viser.ClientHandle) -> None:
         self._driver = client
-        self._panel = DriverPanel(
-            client, self._desk, self._change_window, self._bag_fault, self.seed
-        )
+        self._panel = DriverPanel(client, self._desk, self._change_window, self._bag_fault)
         self._panel.show_recording(is_on=self._is_recording)
         self._change_window()
 
@@ -220,26 +215,29 @@ class LivePage:
                 return
             pivot_m = np.array(camera.look_at, np.float64)
             before_m = self._pivot_m
-            if before_m is None or self._waits_for_echo(pivot_m, before_m):
+            if before_m is None or self._is_of_old_place(pivot_m, before_m):
                 return
             step_m, self._pivot_m = pivot_m - before_m, pivot_m
             rotation = viser.transforms.SO3(np.array(camera.wxyz)).as_matrix()
             self._desk.post_view(BrowserView(step_m, np.asarray(rotation, np.float64)))
 
-    def _waits_for_echo(self, pivot_m: FloatArray, sent_to_m: FloatArray) -> bool:
-        """Return whether a browser that was sent to a place has not been seen there before."""
-        if not self._echo_deadline_s:
+    def _is_of_old_place(self, pivot_m: FloatArray, sent_to_m: FloatArray) -> bool:
+        """Return whether a view is from before the browser was sent to a place, or only says so."""
+        sent_from_m = self._sent_from_m
+        if sent_from_m is None:
             return False
-        is_there = np.linalg.norm(pivot_m - sent_to_m) <= ECHO_TOLERANCE_M
-        if is_there or time.monotonic() > self._echo_deadline_s:
-            self._echo_deadline_s, self._pivot_m = 0.0, pivot_m
-        return True
+        from_there_m = float(np.linalg.norm(pivot_m - sent_to_m))
+        if from_there_m >= np.linalg.norm(pivot_m - sent_from_m):
+            return True
+        self._sent_from_m = None
+        return from_there_m <= ECHO_TOLERANCE_M
 
     def _send_to_pose(self, client: viser.ClientHandle) -> None:
         assert self._pose is not None
         pivot_m, forward = self._pose[:3, 3].copy(), self._pose[:3, 2]
-        is_there = np.linalg.norm(client.camera.look_at - pivot_m) <= ECHO_TOLERANCE_M
-        self._echo_deadline_s = 0.0 if is_there else time.monotonic() + ECHO_TIMEOUT_S
+        from_m = np.array(client.camera.look_at, np.float64)
+        is_there = np.linalg.norm(from_m - pivot_m) <= ECHO_TOLERANCE_M
+        self._sent_from_m = None if is_there else from_m
         self._pivot_m = pivot_m
         with client.atomic():
             client.camera.position = pivot_m - PIVOT_M * forward

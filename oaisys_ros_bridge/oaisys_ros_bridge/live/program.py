@@ -16,7 +16,7 @@ from oaisys_ros_bridge.live.map_builder import MapBuilder
 from oaisys_ros_bridge.live.options import LiveOptions
 from oaisys_ros_bridge.live.page import LivePage
 from oaisys_ros_bridge.live.session import MOVING_QUALITY, LiveSession
-from oaisys_ros_bridge.live.simulator import LiveSimulator, running_simulator, started_simulator
+from oaisys_ros_bridge.live.simulator import LiveSimulator, connect_simulator, start_simulator
 from oaisys_ros_bridge.live_view.view import LONGEST_END_S, end_within
 
 
@@ -54,8 +54,8 @@ def _simulator(
     experiment: Mapping[str, Any], address: str | None, tls: ClientTls | None
 ) -> AbstractContextManager[LiveSimulator]:
     if address is not None:
-        return running_simulator(address, tls)
-    return started_simulator(ExperimentOptions(**experiment))
+        return connect_simulator(address, tls)
+    return start_simulator(ExperimentOptions(**experiment))
 
 
 def _serve(

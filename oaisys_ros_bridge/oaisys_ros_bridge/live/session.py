@@ -124,7 +124,6 @@ class LiveSession:
     def _begin_world(self) -> None:
         """Look from the start pose of a new world."""
         self._info = self._client.info()
-        self._page.seed = self._info.seed
         self._page.show_labels(self._info.semantic_labels)
         self._viewer.clear()
         self._map.reset()
@@ -218,11 +217,8 @@ class LiveSession:
 
     def _say(self, seconds: float) -> None:
         x_m, y_m, z_m = self._T_map_camera[:3, 3]
-        world = (
-            f"seed {self._info.seed}"
-            if self._sample is None
-            else (f"world {self._sample.batch_id}, seed {self._sample.provenance.batch_seed}")
-        )
+        sample = self._present_sample()
+        world = f"world {sample.batch_id}, seed {sample.provenance.batch_seed}"
         recording = "" if self._bag is None else ", recording"
         self._page.say(
             f"{world}: {self._quality} in {seconds:.2f} s from ({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m"

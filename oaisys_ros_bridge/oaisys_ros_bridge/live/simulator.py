@@ -37,7 +37,7 @@ class LiveSimulator:
 
 
 @contextmanager
-def started_simulator(options: ExperimentOptions) -> Iterator[LiveSimulator]:
+def start_simulator(options: ExperimentOptions) -> Iterator[LiveSimulator]:
     """Start a simulator in a process of its own, and end it after the block.
 
     Raises:
@@ -59,7 +59,7 @@ def started_simulator(options: ExperimentOptions) -> Iterator[LiveSimulator]:
 
 
 @contextmanager
-def running_simulator(address: str, tls: ClientTls | None) -> Iterator[LiveSimulator]:
+def connect_simulator(address: str, tls: ClientTls | None) -> Iterator[LiveSimulator]:
     """Connect to a simulator that runs already, and leave it running.
 
     Raises:

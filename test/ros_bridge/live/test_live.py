@@ -21,7 +21,6 @@ from waiting import START_PATIENCE_S, wait_until
 
 HOSTILE = "<img src=x onerror=document.title='owned'>"
 COMMAND = [sys.executable, "-P", "-m", "oaisys_core", "live", "--port", "0"]
-PRESET = "input[type=text][placeholder='as configured']"
 LABEL = {"label": HOSTILE, "semantic_id": 7}
 WORLD = FLAT_WORLD | {"environment": {"ground_beyond_label": LABEL}}
 
@@ -61,7 +60,7 @@ def test_a_person_flies_makes_a_world_and_keeps_a_picture(tmp_path):
     config.write_text(yaml.safe_dump(WORLD))
     with (
         live_page(tmp_path, "--config", str(config)) as (process, url),
-        browser_page(tmp_path / "browser", (900, 700)) as page,
+        browser_page(tmp_path / "browser", (700, 560)) as page,
     ):
         page.open(url)
         shows(page, "draft in ")
@@ -73,11 +72,11 @@ def test_a_person_flies_makes_a_world_and_keeps_a_picture(tmp_path):
         page.wait_for("!document.body.innerText.includes('from (-9.0, -6.0, 3.0) m')")
         page.wait_for(f"document.querySelector('img').src !== {before!r}")
 
-        page.fill_in(PRESET, "planne")
+        page.fill_in("preset", "planne")
         page.click_button("New world")
         shows(page, "Refused")
         shows(page, "'planne'")
-        page.fill_in(PRESET, "plane")
+        page.fill_in("preset", "plane")
         page.click_button("New world")
         shows(page, "world 2, seed 1: draft in")
 

@@ -15,6 +15,7 @@ from PIL import Image
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_at
+from oaisys_core.output.poses import read_poses
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Provenance, Sample, SimulatorInfo
 from oaisys_ros_bridge.live.bag import LiveBag, mean_twist
@@ -69,6 +70,7 @@ def test_poses_are_kept_line_by_line_in_a_file_of_this_session(tmp_path):
         rows = list(csv.DictReader(file))
     assert [float(row["x_m"]) for row in rows] == [-4.0, 4.0]
     assert [float(row["qw"]) for row in rows] == [pose.quat_xyzw[3] for pose in POSES]
+    assert read_poses(path) == list(POSES)  # as `oaisys render --poses` does
     assert (tmp_path / "survey_0001.csv").read_text() == "somebody else's"
 
 
