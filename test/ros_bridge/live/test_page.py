@@ -1,0 +1,56 @@
+"""The live page in the hands of several people, and how a picture fills their windows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from browser import Page, browser_page
+from waiting import wait_until
+
+from oaisys_core.geometry import T_LINK_OPTICAL
+from oaisys_mapping.report.web_viewer import WebViewer
+from oaisys_ros_bridge.live.desk import Desk
+from oaisys_ros_bridge.live.page import LivePage, letterbox
+
+SIZE = (480, 360)
+
+
+def shows(page: Page, text: str) -> None:
+    page.wait_for(f"(document.body.innerText || '').includes({text!r})")
+
+
+@pytest.mark.long
+def test_several_look_and_one_drives(tmp_path):
+    desk = Desk()
+    with WebViewer("127.0.0.1", 0, 10.0) as viewer, browser_page(tmp_path / "a", SIZE) as first:
+        page = LivePage(viewer, desk, "not without ROS")
+        first.open(viewer.url)
+        shows(first, "New world")
+        with browser_page(tmp_path / "b", SIZE) as second:
+            second.open(viewer.url)
+            shows(second, "Take the wheel")
+            assert "New world" not in second.value("document.body.innerText")
+            page.show_pose(T_LINK_OPTICAL)
+            second.click_button("Take the wheel")
+            shows(second, "New world")
+            shows(first, "Take the wheel")
+            assert "New world" not in first.value("document.body.innerText")
+            second.click_button("Keep the pose for a survey")
+            request = wait_until(desk.take_request)
+            assert request.action == "keep_pose"
+        # The driver's page is closed: nobody drives until somebody does.
+        first.click_button("Take the wheel")
+        shows(first, "New world")
+
+
+def test_a_picture_keeps_its_shape_between_black_bars():
+    picture = np.full((30, 40, 3), 200, np.uint8)
+    wide = letterbox(picture, 2.0)
+    assert wide.shape == (30, 60, 3)
+    np.testing.assert_array_equal(wide[:, 10:50], picture)
+    assert not wide[:, :10].any()
+    assert not wide[:, 50:].any()
+    tall = letterbox(picture, 0.5)
+    assert tall.shape == (80, 40, 3)
+    np.testing.assert_array_equal(tall[25:55], picture)
+    assert letterbox(picture, 4 / 3, 20).shape == (15, 20, 3)
