@@ -282,6 +282,7 @@ class LiveSession:
         self._bag = LiveBag(self._outputs.new_path("bag_", ""), self._client.info())
         self._page.show_recording(is_on=True)
         self._page.note("Recording", str(self._bag.folder))
+        self._record(self._present_sample())
 
     def _stop_bag(self) -> None:
         if self._bag is not None:
