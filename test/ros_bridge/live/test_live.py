@@ -83,7 +83,7 @@ def test_a_person_flies_makes_a_world_and_keeps_a_picture(tmp_path):
         page.click_button("Take a picture")
         shows(page, "picture_0001.png")
         with Image.open(tmp_path / "files" / "picture_0001.png") as image:
-            record = json.loads(image.text["oaisys"])
+            record = json.loads(image.info["oaisys"])
             assert np.ptp(np.asarray(image)) > 20
         assert (record["batch_id"], record["provenance"]["batch_seed"]) == (2, 1)
         assert record["provenance"]["quality"] == "draft"

@@ -52,7 +52,7 @@ def test_a_picture_says_how_to_render_its_bytes_again(simulation, samples, tmp_p
     outputs = Outputs(tmp_path)
     path = outputs.write_picture(samples[0], samples[0].frame("camera", "rgb"))
     with Image.open(path) as image:
-        pixels, record = np.asarray(image), json.loads(image.text["oaisys"])
+        pixels, record = np.asarray(image), json.loads(image.info["oaisys"])
     how = Provenance(**record["provenance"])
     outline = samples[0].outline
     assert (how, record["rig_pose"]["position_m"]) == (outline.provenance, [-4.0, -4.0, 4.0])
