@@ -16,7 +16,7 @@ from oaisys_core.files.markdown import escape_markdown
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.report.pictures import label_color
 from oaisys_mapping.report.web_viewer import PosedImages, WebViewer, side_pictures
-from oaisys_ros_bridge.live.desk import BrowserView, Desk
+from oaisys_ros_bridge.live.desk import BrowserView, Desk, Request
 from oaisys_ros_bridge.live.driver_panel import DriverPanel
 
 PIVOT_M = 0.1
@@ -180,6 +180,8 @@ class LivePage:
             if before is not None and panel is not None:
                 panel.remove()
                 self._make_watcher(before)
+            # The new driver's panel begins with a flight.
+            self._desk.post(Request("choose_vehicle", {"is_rover": False, "camera_height_m": 0.0}))
             self._make_driver(client)
 
     def _change_window(self) -> None:

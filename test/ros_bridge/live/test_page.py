@@ -36,8 +36,9 @@ def test_several_look_and_one_drives(tmp_path):
             shows(first, "Take the wheel")
             assert "New world" not in first.value("document.body.innerText")
             second.click_button("Keep the pose for a survey")
-            request = wait_until(desk.take_request)
-            assert request.action == "keep_pose"
+            # The new panel says that the vehicle flies, whatever it was before.
+            assert wait_until(desk.take_request).values["is_rover"] is False
+            assert wait_until(desk.take_request).action == "keep_pose"
         # The driver's page is closed: nobody drives until somebody does.
         first.click_button("Take the wheel")
         shows(first, "New world")
