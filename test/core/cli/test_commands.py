@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from commands import oaisys
+from commands import oaisys, oaisys_here
 from original_config import document, write
 from repository import REPOSITORY
 from rich.console import Console
@@ -43,7 +43,7 @@ def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: 
     assert len(list(tmp_path.glob("batch_000[12]/camera/000[12]camera_rgb_00.png"))) == 4
     poses = tmp_path / "batch_0001" / "poses.csv"
     again = tmp_path / "again"
-    result = oaisys("render", "--config", small, "--out", again, "--poses", poses)
+    result = oaisys_here("render", "--config", small, "--out", again, "--poses", poses)
     assert result.returncode == 0, result.stderr
     name = "batch_0001/camera/0001camera_pinhole_depth_00.exr"
     assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
@@ -86,12 +86,12 @@ def test_a_run_is_resumed_where_it_stood_and_never_written_over(
 ) -> None:
     whole, halves = tmp_path / "whole", tmp_path / "halves"
     run = ("render", "--config", small)
-    assert oaisys(*run, "--out", whole, "--batches", "2", "--samples", "2").returncode == 0
-    assert oaisys(*run, "--out", halves, "--batches", "1", "--samples", "2").returncode == 0
-    refused = oaisys(*run, "--out", halves)
+    assert oaisys_here(*run, "--out", whole, "--batches", "2", "--samples", "2").returncode == 0
+    assert oaisys_here(*run, "--out", halves, "--batches", "1", "--samples", "2").returncode == 0
+    refused = oaisys_here(*run, "--out", halves)
     assert refused.returncode == 2
     assert "--resume" in refused.stderr
-    resumed = oaisys(*run, "--out", halves, "--batches", "2", "--samples", "2", "--resume")
+    resumed = oaisys_here(*run, "--out", halves, "--batches", "2", "--samples", "2", "--resume")
     assert resumed.returncode == 0, resumed.stderr
     files = sorted(path.relative_to(whole) for path in whole.rglob("*.*") if path.is_file())
     assert files == sorted(p.relative_to(halves) for p in halves.rglob("*.*") if p.is_file())
@@ -109,13 +109,13 @@ def test_metadata_of_each_sample_comes_from_a_file(small: Path, tmp_path: Path) 
     ]
     path = tmp_path / "steps.yaml"
     path.write_text(yaml.safe_dump(steps), encoding="utf-8")
-    result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--metadata", path)
+    result = oaisys_here("render", "--config", small, "--out", tmp_path / "out", "--metadata", path)
     assert result.returncode == 0, result.stderr
     batch = tmp_path / "out/batch_0001"
     assert [p.position_m for p in read_poses(batch / "poses.csv")] == [(1.0, 2.0, 9.0)] * 2
     assert [p.name for p in batch.glob("camera/0002*")] == ["0002camera_pinhole_depth_00.exr"]
     path.write_text("- {sensor: {pose: 3}}", encoding="utf-8")
-    result = oaisys("render", "--config", small, "--out", tmp_path / "no", "--metadata", path)
+    result = oaisys_here("render", "--config", small, "--out", tmp_path / "no", "--metadata", path)
     assert result.returncode == 2
     assert "metadata.samples.0.sensor.pose" in result.stderr
 
@@ -125,13 +125,13 @@ def test_a_run_that_renders_nothing_fails(tmp_path: Path) -> None:
     path = tmp_path / "never.yaml"
     path.write_text(never, encoding="utf-8")
     for more in ((), ("--resume",)):
-        result = oaisys("render", "--config", path, "--out", tmp_path / "out", *more)
+        result = oaisys_here("render", "--config", path, "--out", tmp_path / "out", *more)
         assert result.returncode == 1, result.stdout
         assert "nothing was rendered" in result.stderr
 
 
 def test_saved_worlds_need_blender(small: Path, tmp_path: Path) -> None:
-    result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--save-blend")
+    result = oaisys_here("render", "--config", small, "--out", tmp_path / "out", "--save-blend")
     assert result.returncode == 2
     assert "save_blend" in result.stderr
     assert not (tmp_path / "out").exists()
@@ -140,10 +140,10 @@ def test_saved_worlds_need_blender(small: Path, tmp_path: Path) -> None:
 @pytest.mark.long
 def test_config_import_writes_what_config_check_takes(tmp_path: Path) -> None:
     out = tmp_path / "ours.yaml"
-    result = oaisys("config", "import", write(document(), tmp_path), "--out", out)
+    result = oaisys_here("config", "import", write(document(), tmp_path), "--out", out)
     assert result.returncode == 0, result.stderr
     assert "SIMULATION_SETUP.renderImages: no counterpart" in result.stdout
-    assert oaisys("config", "check", out).returncode == 0
+    assert oaisys_here("config", "check", out).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_wrong_input_is_exit_2_without_a_traceback(
     small: Path, tmp_path: Path, text: str, arguments: list[str], parts: list[str]
 ) -> None:
     small.write_text(text, encoding="utf-8")
-    result = oaisys("render", "--config", small, "--out", tmp_path / "out", *arguments)
+    result = oaisys_here("render", "--config", small, "--out", tmp_path / "out", *arguments)
     assert result.returncode == 2
     assert all(part in result.stderr for part in parts), result.stderr
     assert "Traceback" not in result.stderr
@@ -167,13 +167,13 @@ def test_wrong_input_is_exit_2_without_a_traceback(
 
 
 def test_config_check(small: Path) -> None:
-    assert oaisys("config", "check", small).returncode == 0
+    assert oaisys_here("config", "check", small).returncode == 0
     small.write_text("seed: -1", encoding="utf-8")
-    assert oaisys("config", "check", small).returncode == 2
+    assert oaisys_here("config", "check", small).returncode == 2
 
 
 def test_config_show_prints_a_config_that_is_read_back() -> None:
-    shown = yaml.safe_load(oaisys("config", "show").stdout)
+    shown = yaml.safe_load(oaisys_here("config", "show").stdout)
     assert config_from_mapping(shown) == SimulationConfig()
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import oaisys
+from commands import oaisys, oaisys_here
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
@@ -129,6 +129,7 @@ def asset(rng: np.random.Generator, seen: list[int]) -> dict[str, Any]:
     return changes[rng.integers(len(changes))]
 
 
+SOAK = [pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3)]
 LABEL = {"label": "thing", "semantic_id": 60}
 
 
@@ -189,8 +190,9 @@ def step(sim: Simulation, rng: np.random.Generator, seen: list[int]) -> Sample:
     return sim.step_sample(metadata, modalities=modalities)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [*(pytest.param(s, marks=pytest.mark.long) for s in range(2)), *SOAK]
+)
 def test_the_newest_record_alone_repeats_its_sample(seed: int, tmp_path: Path) -> None:
     config = config_from_mapping({**WORLD, "stage": {**WORLD["stage"], "store": str(tmp_path)}})
     rng = np.random.default_rng(seed)
@@ -333,7 +335,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (top / "world.yaml").write_text(json.dumps(WORLD))
     (top / "steps.yaml").write_text(STEPS)
     steps = ("--metadata", top / "steps.yaml", "--batches", 2, "--batch-offset", 4)
-    done = oaisys("render", "--config", top / "world.yaml", "--out", top / "out", *steps)
+    done = oaisys_here("render", "--config", top / "world.yaml", "--out", top / "out", *steps)
     assert done.returncode == 0, done.stderr
     return top / "out"
 
@@ -353,10 +355,10 @@ def test_repeat_finds_every_sample_of_a_folder_equal(folder: Path) -> None:
 
 @pytest.mark.long
 def test_repeat_takes_the_newest_or_the_one_named(folder: Path) -> None:
-    assert "batch 2 sample 3: equal" in oaisys("repeat", folder).stdout
-    assert "batch 1 sample 2: equal" in oaisys("repeat", folder, "--sample", "1/2").stdout
-    assert "batch 1 sample 2: equal" in oaisys("repeat", sample_file(folder, 1, 2)).stdout
-    refused = oaisys("repeat", folder, "--sample", "3/1")
+    assert "batch 2 sample 3: equal" in oaisys_here("repeat", folder).stdout
+    assert "batch 1 sample 2: equal" in oaisys_here("repeat", folder, "--sample", "1/2").stdout
+    assert "batch 1 sample 2: equal" in oaisys_here("repeat", sample_file(folder, 1, 2)).stdout
+    refused = oaisys_here("repeat", folder, "--sample", "3/1")
     assert refused.returncode == 2
     assert "1/1 to 2/3" in refused.stderr
 
@@ -368,7 +370,7 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
         depth_m = read_image(file, "depth")
         depth_m[3, 4] = np.nextafter(depth_m[3, 4], np.float32(0))
         write_image(file, frame_of(depth_m))
-        done = oaisys("repeat", folder)
+        done = oaisys_here("repeat", folder)
     finally:
         file.write_bytes(kept)
     assert done.returncode == 1
@@ -379,14 +381,14 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
 @pytest.mark.long
 def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "other.yaml").write_text(json.dumps({**WORLD, "seed": 12}))
-    done = oaisys("repeat", folder, "--config", tmp_path / "other.yaml")
+    done = oaisys_here("repeat", folder, "--config", tmp_path / "other.yaml")
     assert done.returncode == 2
     assert "sha256" in done.stderr
     config = folder / "config.yaml"
     config.rename(tmp_path / "config.yaml")
     try:
-        without = oaisys("repeat", folder)
-        given = oaisys("repeat", folder, "--config", tmp_path / "config.yaml")
+        without = oaisys_here("repeat", folder)
+        given = oaisys_here("repeat", folder, "--config", tmp_path / "config.yaml")
     finally:
         (tmp_path / "config.yaml").rename(config)
     assert (without.returncode, given.returncode) == (2, 0)
@@ -397,7 +399,7 @@ def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> No
 def test_repeat_refuses_what_is_no_record(tmp_path: Path) -> None:
     (tmp_path / "some.json").write_text("{}")
     for path in (tmp_path / "none", tmp_path, tmp_path / "some.json"):
-        done = oaisys("repeat", path)
+        done = oaisys_here("repeat", path)
         assert done.returncode == 2, done.stdout
         assert "Traceback" not in done.stderr
 

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from commands import oaisys
+from commands import oaisys_here
 from repository import REPOSITORY
 from typer.testing import CliRunner
 
@@ -105,7 +105,7 @@ def test_all_faults_are_told_at_once_each_with_its_line(tmp_path: Path) -> None:
         "assets:\n  rocks: []\n  rock_texture: stone\n",
         encoding="utf-8",
     )
-    ended = oaisys("config", "check", file)
+    ended = oaisys_here("config", "check", file)
     assert ended.returncode == 2
     for line, path in (
         (2, "stage.preset"),
@@ -120,7 +120,7 @@ def test_a_file_that_holds_no_mesh_is_told(tmp_path: Path) -> None:
     (tmp_path / "ground.obj").write_text("v 0 0 0\n", encoding="utf-8")
     file = tmp_path / "world.yaml"
     file.write_text("stage: {mesh: {file: ground.obj}}\n", encoding="utf-8")
-    ended = oaisys("config", "check", file)
+    ended = oaisys_here("config", "check", file)
     assert ended.returncode == 2
     assert "stage.mesh.file" in ended.stderr
 
@@ -128,7 +128,7 @@ def test_a_file_that_holds_no_mesh_is_told(tmp_path: Path) -> None:
 def test_examples_and_defaults_have_no_faults() -> None:
     assert name_faults(config_from_mapping({})) == []
     for name in ("stage_mesh", "stage_dem", "environment_hdri", "materials_label_image"):
-        ended = oaisys("config", "check", CONFIG / "examples" / f"{name}.yaml")
+        ended = oaisys_here("config", "check", CONFIG / "examples" / f"{name}.yaml")
         assert ended.returncode == 0, ended.stderr
         assert "valid" in ended.stdout
 
