@@ -354,16 +354,22 @@ def test_repeat_finds_every_sample_of_a_folder_equal(folder: Path) -> None:
 
 
 @pytest.mark.long
-def test_repeat_takes_the_newest_or_the_one_named(folder: Path) -> None:
-    assert "batch 2 sample 3: equal" in oaisys_here("repeat", folder).stdout
-    assert "batch 1 sample 2: equal" in oaisys_here("repeat", folder, "--sample", "1/2").stdout
-    assert "batch 1 sample 2: equal" in oaisys_here("repeat", sample_file(folder, 1, 2)).stdout
+def test_repeat_takes_the_newest_or_the_one_named(
+    folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for arguments, found in (
+        ((folder,), "batch 2 sample 3"),
+        ((folder, "--sample", "1/2"), "batch 1 sample 2"),
+        ((sample_file(folder, 1, 2),), "batch 1 sample 2"),
+    ):
+        assert oaisys_here("repeat", *arguments).returncode == 0
+        assert f"{found}: equal" in capfd.readouterr().out
     refused = oaisys_here("repeat", folder, "--sample", "3/1")
     assert refused.returncode == 2
     assert "1/1 to 2/3" in refused.stderr
 
 
-def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
+def test_repeat_tells_a_pixel_that_differs(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     file = next((folder / "batch_0006/left").glob("0003*depth_00.exr"))
     kept = file.read_bytes()
     try:
@@ -374,7 +380,7 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
     finally:
         file.write_bytes(kept)
     assert done.returncode == 1
-    assert "left/depth: 1 of 432 pixels differ" in done.stdout
+    assert "left/depth: 1 of 432 pixels differ" in capfd.readouterr().out
     assert "1 of 1 samples differ from the record" in done.stderr
 
 
