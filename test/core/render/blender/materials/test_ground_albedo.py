@@ -22,7 +22,7 @@ from oaisys_core.types import RGB, PinholeIntrinsics
 
 pytestmark = pytest.mark.blender
 
-LENS = PinholeIntrinsics(96, 72, 90.0, 90.0, 47.5, 35.5)
+LENS = PinholeIntrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 SEEN = "Denoising Albedo"
 HAZY = Haze((0.02, 0.04, 0.08))
 

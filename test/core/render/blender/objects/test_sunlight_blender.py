@@ -28,7 +28,7 @@ from oaisys_core.procedural.environment.light import (
 )
 from oaisys_core.scene import Primitive, Scene
 from oaisys_core.scene.sky import Sky
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_core.world.module import World
 from oaisys_core.world.modules.environment import EnvironmentModule
 
@@ -42,6 +42,7 @@ BOARD_M = 13.0
 EARTH_DEG = (15.0, 38.0, 60.0)
 MARS_DEG = 9.0
 SAMPLES = 64
+MIDDLE = PinholeIntrinsics(8, 8, 54.0, 54.0, 3.5, 3.5)
 LEVEL_W_M2 = 4.0
 
 
@@ -85,13 +86,13 @@ def seen() -> dict[str, tuple[FloatArray, FloatArray]]:
     skies = {f"earth {deg:g}": drawn_sky(sun_elevation_deg=deg) for deg in EARTH_DEG}
     skies["mars"] = drawn_sky(**mars.model_dump())
     skies["moon"] = drawn_sky(sky={"model": "none"}, sun_elevation_deg=20.0)
-    view = camera(pose_looking_down(0.0, 0.0, 6.0))
+    view = camera(pose_looking_down(0.0, 0.0, 6.0), MIDDLE)
     scenes = []
     for sky in skies.values():
         shadowed = grey_world(brightened(sky))
         scenes += [replace(shadowed, primitives=()), shadowed]
     images = in_blender("environment.linear_worlds", scenes, view, SAMPLES)
-    colors = [image[20:28, 28:36].mean(axis=(0, 1)) for image in images]
+    colors = [image.mean(axis=(0, 1)) for image in images]
     found = {}
     for index, (name, sky) in enumerate(skies.items()):
         factor = brightened(sky).sky_strength / sky.sky_strength
