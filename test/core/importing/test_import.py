@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
-from oaisys_core.config import adjust, config_from_mapping, load_config
+from oaisys_core.config import SimulationConfig, adjust, config_from_mapping, load_config
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.importing.document import key_paths
 from oaisys_core.importing.frames import blender_rotation, mount, rig_pose
@@ -406,6 +406,15 @@ def test_an_id_that_things_share_is_named_after_all_of_them(tmp_path: Path) -> N
     assert any("the id 40 is shared by sky, red_sand" in warning for warning in found.warnings)
 
 
+def small(config: SimulationConfig) -> SimulationConfig:
+    """The same on the analytic backend, with small ground and textures."""
+    data = adjust(config, backend="analytic").model_dump()
+    data["materials"]["texture_size_px"] = 64
+    data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 128)
+    data["stage"]["resolution_px"] = min(config.stage.resolution_px, 65)
+    return SimulationConfig.model_validate(data)
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_stand_ins_are_made_for_missing_files_and_render(name: str, tmp_path: Path) -> None:
     made = tmp_path / "made"
@@ -425,7 +434,7 @@ def test_stand_ins_are_made_for_missing_files_and_render(name: str, tmp_path: Pa
         assert config.assets.objects[0].file == (made / "meshes" / "body.obj").resolve()
     with pytest.raises(InvalidInputError, match="none with --strict"):
         import_file(write(FILES[name](), tmp_path), stand_ins=made, strict=True)
-    simulation = Simulation(adjust(config, backend="analytic"))
+    simulation = Simulation(small(config))
     simulation.step_batch()
     sample = simulation.step_sample(modalities=("rgb", "depth"))
     rgb, depth_m = (sample.frames[index].data for index in (0, 1))
@@ -469,13 +478,7 @@ def test_the_imported_file_renders(name: str, tmp_path: Path) -> None:
     data = copy.deepcopy(MODES[name]())
     path = tmp_path / "ours.yaml"
     path.write_text(import_file(write(data, tmp_path), out=path).text("x"), encoding="utf-8")
-    config = load_config(path)
-    small: dict[str, Any] = {"backend": "analytic"}
-    small["materials"] = config.materials.model_copy(update={"texture_size_px": 64})
-    small["stage"] = config.stage.model_copy(
-        update={"resolution_px": min(config.stage.resolution_px, 65)}
-    )
-    simulation = Simulation(config.model_copy(update=small))
+    simulation = Simulation(small(load_config(path)))
     simulation.step_batch()
     sample = simulation.step_sample()
     depth_m = sample.frame("eye_1", "depth").data

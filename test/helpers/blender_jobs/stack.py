@@ -29,14 +29,25 @@ TOO_BIG = "out of SVM stack space"
 
 def stack_use(materials: Sequence[TerrainMaterial], sky: Sky) -> list[int]:
     """Return how many numbers each material of a stage under a sky keeps at most."""
-    return [_use(material, sky) for material in materials]
+    return [_use(_padded(material, sky)) for material in materials]
 
 
-def _use(material: TerrainMaterial, sky: Sky) -> int:
+def keeps_at_most(
+    materials: Sequence[TerrainMaterial], bounds: Sequence[int], sky: Sky
+) -> list[bool]:
+    """Return whether each material keeps at most as many numbers as its bound: one render each."""
+    return [
+        _fits(_padded(material, sky), STACK - bound)
+        for material, bound in zip(materials, bounds, strict=True)
+    ]
+
+
+def _padded(material: TerrainMaterial, sky: Sky) -> _Padding:
+    """Return the padding of a material that is rendered on a mesh under a sky."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine, scene.cycles.samples = "CYCLES", 1
-    scene.render.resolution_x = scene.render.resolution_y = 8
+    scene.render.resolution_x = scene.render.resolution_y = 4
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     mesh = bpy.data.meshes.new("ground")
     mesh.from_pydata([(-5, -5, -9), (5, -5, -9), (0, 5, -8)], [], [(0, 1, 2)])
@@ -45,16 +56,23 @@ def _use(material: TerrainMaterial, sky: Sky) -> int:
     ground = GroundMaterials(material, ImageStore(), has_tracks=True).stage
     set_haze(sky)
     mesh.materials.append(ground)
+    return _Padding(ground)
+
+
+def _use(padding: _Padding) -> int:
     least, most = -1, STACK
-    padding = _Padding(ground)
     while most - least > 1:
         middle = (least + most) // 2
-        padding.keep(middle)
-        if TOO_BIG in _standard_error_of_a_render():
-            most = middle
-        else:
+        if _fits(padding, middle):
             least = middle
+        else:
+            most = middle
     return STACK - least
+
+
+def _fits(padding: _Padding, count: int) -> bool:
+    padding.keep(count)
+    return TOO_BIG not in _standard_error_of_a_render()
 
 
 def _standard_error_of_a_render() -> str:

@@ -1,6 +1,7 @@
 """The ground's material in Blender: its colours lie where its labels do."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -32,6 +33,7 @@ from oaisys_core.types import (
     RGB,
     SEMANTIC_0,
     FloatArray,
+    Frame,
     PinholeIntrinsics,
 )
 
@@ -68,6 +70,7 @@ def level() -> HeightField:
     return HeightField(np.zeros((3, 3), np.float32), (-20.0, -20.0), 20.0)
 
 
+@cache
 def cases() -> dict[str, tuple[Scene, PlacedCamera]]:
     pattern = np.random.default_rng(3).random((4, 4)) > 0.5
     image = LabelImage(np.where(pattern, 2, 1).astype(np.uint16)[None])
@@ -124,17 +127,16 @@ def cases() -> dict[str, tuple[Scene, PlacedCamera]]:
     return found
 
 
-@pytest.fixture(scope="module")
-def seen() -> dict[str, Any]:
-    made = cases()
-    frames = in_blender("materials.views", list(made.values()))
-    return dict(zip(made, frames, strict=True))
+@cache
+def seen(name: str) -> tuple[Frame, ...]:
+    (frames,) = in_blender("materials.views", [cases()[name]])
+    return tuple(frames)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["plain", "voronoi", "stochastic"])
-def test_colours_lie_where_labels_do(seen: dict[str, Any], name: str) -> None:
-    rgb, depth, semantic = (frame.data for frame in seen[name])
+def test_colours_lie_where_labels_do(name: str) -> None:
+    rgb, depth, semantic = (frame.data for frame in seen(name))
     scene, placed = cases()[name]
     layer = scene.material.layers[0]
     heaviest = layer.tiling.samples(_ground_xy(placed, depth) / TILE_M).weights.max(axis=0)
@@ -156,33 +158,33 @@ def _ground_xy(placed: PlacedCamera, depth_m: NDArray[np.float32]) -> FloatArray
 
 
 @pytest.mark.long
-def test_a_steep_slope_shows_its_texture_undistorted(seen: dict[str, Any]) -> None:
+def test_a_steep_slope_shows_its_texture_undistorted() -> None:
     # Stripes are 1 m wide in height from the side, but tan(75 deg) = 3.7 m from above.
     def changes(name: str) -> int:
-        column = seen[name][0].data.mean(axis=-1)[:, 44:52].mean(axis=1)
+        column = seen(name)[0].data.mean(axis=-1)[:, 44:52].mean(axis=1)
         is_light = column > (column.min() + column.max()) / 2
         return int(np.count_nonzero(np.diff(is_light)))
 
     assert changes("wall from the side") >= 2.5 * changes("wall from above") > 0
 
 
-def test_texels_smaller_than_a_pixel_are_seen_as_their_mean(seen: dict[str, Any]) -> None:
-    fine, even = (seen[name][0].data[32:64, 32:64].astype(float) for name in ("fine", "even"))
+def test_texels_smaller_than_a_pixel_are_seen_as_their_mean() -> None:
+    fine, even = (seen(name)[0].data[32:64, 32:64].astype(float) for name in ("fine", "even"))
     assert fine.mean() == pytest.approx(even.mean(), abs=1.5)
     # A few light samples would hit white or black texels by chance.
     assert np.abs(fine - even).max() < 8
 
 
 @pytest.mark.long
-def test_cliffs_have_level_beds_and_no_streaks(seen: dict[str, Any]) -> None:
-    (albedo,) = (frame.data.mean(axis=-1) for frame in seen["beds"])
+def test_cliffs_have_level_beds_and_no_streaks() -> None:
+    (albedo,) = (frame.data.mean(axis=-1) for frame in seen("beds"))
     beds = albedo.mean(axis=1)
     assert beds.std() > 5
     assert (albedo - beds[:, None]).std() < 0.5 * beds.std()
 
 
-def test_fines_and_a_dark_contact_are_around_rocks_only(seen: dict[str, Any]) -> None:
-    (albedo, instance), (clean, _) = ([f.data for f in seen[n]] for n in ("rock", "clean rock"))
+def test_fines_and_a_dark_contact_are_around_rocks_only() -> None:
+    (albedo, instance), (clean, _) = ([f.data for f in seen(n)] for n in ("rock", "clean rock"))
     is_rock = instance > 0
     beside = maximum_filter(is_rock, 3) & ~is_rock
     near = maximum_filter(is_rock, 5) & ~maximum_filter(is_rock, 3)
