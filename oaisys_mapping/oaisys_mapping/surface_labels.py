@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from oaisys_core.types import FloatArray, TriangleMesh
 
@@ -32,7 +32,7 @@ def labels_at(mesh: TriangleMesh, points_m: FloatArray, spacing_m: float) -> NDA
     inside = ((samples_m >= low_m) & (samples_m <= high_m)).all(axis=1)
     if not inside.any():
         return found
-    _, nearest = cKDTree(samples_m[inside]).query(points_m[known])
+    _, nearest = scipy.spatial.cKDTree(samples_m[inside]).query(points_m[known])
     found[known] = mesh.semantic_ids[is_near][triangle[inside]][nearest]
     return found
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from oaisys_core.geometry import distances_along_m
 from oaisys_core.procedural.terrain.detail import DetailedGround
@@ -239,9 +238,9 @@ def _contact_parts(prototype: MeshPrototype) -> list[ContactPart]:
         return [_contact_part(vertices_m, np.zeros(3))]
     low = vertices_m[vertices_m[:, 2] <= FOOT * vertices_m[:, 2].max()]
     low = np.unique(np.round(low / FOOT_STEP_M), axis=0) * FOOT_STEP_M
-    tree = cKDTree(low[:, :2])
+    tree = scipy.spatial.cKDTree(low[:, :2])
     near = tree.sparse_distance_matrix(tree, FOOT_GAP_M)
-    count, foot_of = connected_components(near, directed=False)
+    count, foot_of = scipy.sparse.csgraph.connected_components(near, directed=False)
     feet = []
     for index in range(count):
         part = low[foot_of == index]
