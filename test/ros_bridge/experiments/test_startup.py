@@ -59,7 +59,7 @@ def test_images_that_the_settings_leave_out_are_not_waited_for(tmp_path: Path) -
         ("oaisys_ros_bridge.experiments.survey.survey", "cv2 grpc matplotlib open3d rclpy"),
         # The mapper listens while its fusion's thread imports Open3D.
         ("oaisys_ros_bridge.nodes.mapper", "matplotlib open3d rich scipy.ndimage"),
-        ("oaisys_ros_bridge.nodes.bridge", "matplotlib open3d"),
+        ("oaisys_ros_bridge.nodes.bridge", "matplotlib open3d scipy.spatial"),
         ("oaisys_ros_bridge.nodes.recorder", "cv2 matplotlib open3d"),
     ],
 )
