@@ -13,7 +13,8 @@ DEMO_ARGS ?= --out out/survey
 GALLERY_ARGS ?= --out out/gallery
 BENCH_ARGS ?= --out out/bench
 # Many tests wait for discovery, a child or a deadline: three at a time take half as long on two cores.
-PYTEST_ARGS ?= -n 3 --dist loadfile
+# The slowest files come first, see test/conftest.py; xdist would begin with those of most tests.
+PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 # Each run of many tests ends with a table of its slowest ones, before pytest's closing line.
 SLOWEST := --durations=20 --durations-min=1
 # The tools' own arithmetic and runs promise nothing to users; they have a target of their own.

@@ -6,6 +6,7 @@ import gc
 import os
 import signal
 import uuid
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 import hypothesis
@@ -20,6 +21,10 @@ from oaisys_core.system import fallbacks
 
 LONGEST_ID = 60
 """Characters of a parameter that a test's name shows."""
+
+SLOW_MARKS = {"blender", "ros", "system"}
+SLOW_FIXTURES = {"start_server", "flat_server", "leaks", "no_process_left"}
+"""Of tests that start processes, which take seconds each."""
 
 # A shell's background job ignores SIGINT, and so would the programs that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -54,6 +59,22 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(trylast=True)  # after tests were deselected
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest: the last one must not keep one worker alone busy.
+
+    Holds where files go to workers in the order in which they were collected.
+    """
+    slow_tests = Counter(item.path for item in items if _is_slow(item))
+    items.sort(key=lambda item: -slow_tests[item.path])
+
+
+def _is_slow(item: pytest.Item) -> bool:
+    fixtures = getattr(item, "fixturenames", ())
+    marks = {mark.name for mark in item.iter_markers()}
+    return not (SLOW_MARKS.isdisjoint(marks) and SLOW_FIXTURES.isdisjoint(fixtures))
 
 
 def pytest_sessionfinish() -> None:
