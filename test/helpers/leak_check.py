@@ -28,15 +28,10 @@ _SHARED = re.compile(r"/dev/shm/(?:fastrtps_[0-9a-f]{16}|.*oaisys.*)")
 
 
 class LeakCheck:
-    """Watches all processes with a mark; a context manager.
-
-    Attributes:
-        looks: How many times it has looked at all of them.
-    """
+    """Watches all processes with a mark; a context manager."""
 
     def __init__(self, mark: str) -> None:
         self._mark = mark
-        self.looks = 0
         self._processes: set[psutil.Process] = set()
         self._shared: set[str] = set()
         self._foreign: set[str] = set()
@@ -91,7 +86,6 @@ class LeakCheck:
                 with contextlib.suppress(psutil.Error, OSError):
                     self._sockets |= _open_sockets(process) & listened
                     self._note(process)
-            self.looks += 1
 
     def _note(self, process: psutil.Process) -> None:
         for line in Path(f"/proc/{process.pid}/maps").read_text().splitlines():
