@@ -29,13 +29,19 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
 
 
 @pytest.fixture(scope="module")
-def shared_stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    """A stage in a ROS domain of the module, whose processes must end with it."""
+def ros_of_module() -> Iterator[None]:
+    """A ROS domain of the module, whose processes must end with it."""
     mark = str(uuid.uuid4())
     with claim_domain() as domain_id, pytest.MonkeyPatch.context() as environment:
         environment.setenv(DOMAIN_VARIABLE, str(domain_id))
         environment.setenv(MARK, mark)
-        with Stage(tmp_path_factory.mktemp("stage")) as stage:
-            yield stage
+        yield
         left = LeakCheck(mark).left_behind()
     assert not left, f"left behind: {left}"
+
+
+@pytest.fixture(scope="module")
+def shared_stage(tmp_path_factory: pytest.TempPathFactory, ros_of_module: None) -> Iterator[Stage]:
+    """A stage in the ROS domain of the module."""
+    with Stage(tmp_path_factory.mktemp("stage")) as stage:
+        yield stage

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ from waiting import PATIENCE_S, SHUTDOWN_S, START_PATIENCE_S, wait_until, within
 from oaisys_core.system.leftovers import Leftovers
 
 MARK = "OAISYS_TEST_SIGNALS"
-ENDINGS = (signal.SIGINT, signal.SIGTERM)
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 CONFIG = """\
 backend: analytic
@@ -109,9 +110,17 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Command]]:
         command.process.communicate(timeout=PATIENCE_S)
 
 
-@pytest.mark.parametrize("name", ["render", "audit", "check", "export", "repeat"])
+COMMANDS = ("render", "audit", "check", "export", "repeat")
+
+
+@pytest.mark.parametrize(("name", "number"), list(zip(COMMANDS, cycle(ENDINGS), strict=False)))
 def test_a_signal_at_any_moment_has_one_exit_code_and_leaves_nothing(
-    name: str, start: Callable[..., Command], config: Path, dataset: Path, tmp_path: Path
+    name: str,
+    number: signal.Signals,
+    start: Callable[..., Command],
+    config: Path,
+    dataset: Path,
+    tmp_path: Path,
 ) -> None:
     out = tmp_path / "out"
     arguments = {
@@ -122,13 +131,12 @@ def test_a_signal_at_any_moment_has_one_exit_code_and_leaves_nothing(
         "repeat": ("dataset", "repeat", dataset, *["000000_0001_camera"] * 500),
     }[name]
     draws = random.Random(f"{name} {os.getpid()}")
-    for number in ENDINGS:
-        command = start(*arguments)
-        wait_until(command.works, START_PATIENCE_S, process=command.process)
-        time.sleep(draws.uniform(0, 1.0))  # any moment, from the first import on
-        told = command.ended_by(number, twice=draws.random() < 0.5)
-        assert f"stopped by {number.name}" in told
-        assert not list(tmp_path.rglob("*.part*"))
+    command = start(*arguments)
+    wait_until(command.works, START_PATIENCE_S, process=command.process)
+    time.sleep(draws.uniform(0, 1.0))  # any moment, from the first import on
+    told = command.ended_by(number, twice=draws.random() < 0.5)
+    assert f"stopped by {number.name}" in told
+    assert not list(tmp_path.rglob("*.part*"))
 
 
 def test_a_signal_before_the_work_begins_is_an_exit_code(start: Callable[..., Command]) -> None:

@@ -168,11 +168,21 @@ class Peer:
         return self.process.returncode, said
 
 
-@pytest.fixture
-def peer(ros_domain_id: int, no_process_left: None) -> Iterator[Peer]:
+@pytest.fixture(scope="module")
+def shared_peer(ros_of_module: None) -> Iterator[Peer]:
     started = Peer("voxel_size:=0.1", "mesh_period:=0.0")
     yield started
     started.end()
+
+
+@pytest.fixture
+def peer(shared_peer: Peer) -> Peer:
+    """Its map is empty."""
+    assert shared_peer.call(Trigger, "reset", Trigger.Request()).success
+    shared_peer.wait_for_frames(0)
+    for topic in ("mesh", "surface_points"):
+        shared_peer.latest.pop(topic, None)
+    return shared_peer
 
 
 @pytest.mark.long

@@ -114,7 +114,7 @@ def test_it_goes_where_it_is_told(stage: Stage) -> None:
 @pytest.mark.parametrize("state", [UNCONFIGURED, INACTIVE])
 def test_a_shutdown_ends_the_process_before_it_was_active_too(stage: Stage, state: int) -> None:
     manager = Manager(stage.user)
-    address = stage.start_world(FLAT_WORLD).address
+    address = stage.start_world(FLAT_WORLD).address if state == INACTIVE else free_address()
     options = ("--ros-args", "-p", f"address:={address}", "-p", "autostart:=false")
     bridge = stage.start_node("bridge", *options)
     assert manager.state() == UNCONFIGURED

@@ -24,10 +24,8 @@ NODES = ("bridge", "drive", "mapper", "player", "recorder")
 SCRIPTS = ("bridge", "mapper", "player", "recorder")
 MODULES = [["-m", f"oaisys_ros_bridge.nodes.{name}"] for name in NODES]
 _SCRIPT = "import sys; from oaisys_ros_bridge.programs import {0}; sys.exit({0}())"
-STARTS = [
-    *MODULES,
-    *(["-c", _SCRIPT.format(n)] for n in SCRIPTS),
-]
+STARTS = [*MODULES, ["-c", _SCRIPT.format("recorder")]]
+"""All scripts differ in the name alone."""
 SLOW_RCLPY = "import time; print('loading', flush=True); time.sleep(600)"
 FULL = (
     "mount -t tmpfs -o size=64k tmpfs /dev/shm && "
