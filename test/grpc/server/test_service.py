@@ -8,7 +8,7 @@ from pathlib import Path
 import grpc
 import numpy as np
 import pytest
-from commands import oaisys
+from commands import oaisys_here
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import (
     ProtoReflectionDescriptorDatabase,
 )
@@ -250,17 +250,13 @@ def test_height_fields_come_in_chunks_and_are_what_queries_say(
         client.height_grid(1.0, (0, 0, 0, 0))
 
 
-@pytest.mark.long
 def test_the_heights_of_a_server_are_written_by_the_command(
-    start_server: StartServer, tmp_path: Path
+    flat_server: Server, flat_client: SimulatorClient, tmp_path: Path
 ) -> None:
-    server = start_server(FLAT_WORLD)
-    with server.client() as client:
-        client.step_batch()
-        out = tmp_path / "heights.npz"
-        done = oaisys("heights", "--address", server.address, "--out", out, "--resolution", 0.5)
-        assert done.returncode == 0, done.stderr
-        grid = client.height_grid(0.5)
+    out, address = tmp_path / "heights.npz", flat_server.address
+    done = oaisys_here("heights", "--address", address, "--out", out, "--resolution", 0.5)
+    assert done.returncode == 0, done.stderr
+    grid = flat_client.height_grid(0.5)
     with np.load(out) as found:
         np.testing.assert_array_equal(found["ground_m"], grid.ground_m)
         assert tuple(found["origin_xy_m"]) == grid.origin_xy_m
