@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import threading
 import time
@@ -62,6 +63,12 @@ ONE_ANSWER = [
 STREAMED = [HEALTH + "Watch", OURS + "WatchOperation", OURS + "RenderSample", OURS + "GetSample"]
 
 
+@functools.cache
+def content_of(shape: Callable[[int], bytes]) -> bytes:
+    """Return a request of a shape that is as large as a request may be."""
+    return shape(REQUEST_BYTES)
+
+
 def megabytes(process: int) -> float:
     return float(psutil.Process(process).memory_info().rss / 1e6)
 
@@ -70,7 +77,7 @@ def megabytes(process: int) -> float:
 @pytest.mark.parametrize("shape", [list_of_structs, mapping_of_structs, deep_structs])
 def test_too_much_is_refused_before_it_is_read(shape: Callable[[int], bytes], part: str) -> None:
     with pytest.raises(InvalidInputError) as refused:
-        check_bounds(in_metadata(part, shape(REQUEST_BYTES)), pb.StepBatchRequest.DESCRIPTOR)
+        check_bounds(in_metadata(part, content_of(shape)), pb.StepBatchRequest.DESCRIPTOR)
     assert refused.value.field == "request"
 
 
@@ -118,7 +125,7 @@ def test_refused_requests_leave_no_memory_behind(start_server: StartServer) -> N
     server = start_server(FLAT_WORLD)
     shapes = (list_of_structs, mapping_of_structs, deep_structs)
     requests = [
-        in_metadata(part, shape(REQUEST_BYTES))
+        in_metadata(part, content_of(shape))
         for part in ("asset", "custom", "render")
         for shape in shapes
     ]
