@@ -20,7 +20,7 @@ from certificates import Authority
 from commands import oaisys_here
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, Server
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, START_PATIENCE_S
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.section import Section
@@ -87,31 +87,6 @@ def test_a_name_is_judged_by_what_it_stands_for() -> None:
     for address in ("no.such.host.invalid:0", *([] if here else [f"{name}:0"])):
         with pytest.raises(InvalidInputError, match="--insecure"):
             check_address(address, insecure=False, encrypted=False)
-
-
-@pytest.fixture(scope="module")
-def insecure(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """A server for all, started in a folder whose modules must not be imported."""
-    folder = tmp_path_factory.mktemp("insecure")
-    for name in ("numpy", "random", "scipy", "yaml", "cv2", "open3d"):
-        trap = f"open({str(folder / 'sprung')!r}, 'w')\nraise SystemExit"
-        (folder / f"{name}.py").write_text(trap)
-    with pytest.MonkeyPatch.context() as place:
-        place.chdir(folder)
-        options = ("--insecure", "--address", "0.0.0.0:0")
-        with Server(folder / "server", FLAT_WORLD, *options) as server:
-            yield server
-
-
-@pytest.fixture
-def outsider(insecure: Server) -> Iterator[SimulatorClient]:
-    port = insecure.address.rpartition(":")[2]
-    with SimulatorClient(f"127.0.0.1:{port}", timeout_s=PATIENCE_S) as client:
-        yield client
-
-
-def test_insecure_serves_others(outsider: SimulatorClient) -> None:
-    assert outsider.is_ready(PATIENCE_S)
 
 
 def test_tls_encrypts_and_proves_the_server(start_server: StartServer, tmp_path: Path) -> None:
@@ -278,14 +253,30 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def confined(tmp_path_factory: pytest.TempPathFactory, places: Path) -> Any:
-    folder = tmp_path_factory.mktemp("security") / "confined"
-    with (
-        Server(folder, FLAT_WORLD, "--asset-root", str(places / "assets")) as server,
-        server.client() as client,
-    ):
+def confined_server(tmp_path_factory: pytest.TempPathFactory, places: Path) -> Iterator[Server]:
+    """A server for all, with asset roots; its folder has modules that must not be imported."""
+    folder = tmp_path_factory.mktemp("security")
+    for name in ("numpy", "random", "scipy", "yaml", "cv2", "open3d"):
+        trap = f"open({str(folder / 'sprung')!r}, 'w')\nraise SystemExit"
+        (folder / f"{name}.py").write_text(trap)
+    with pytest.MonkeyPatch.context() as place:
+        place.chdir(folder)
+        options = ("--insecure", "--address", "0.0.0.0:0", "--asset-root", str(places / "assets"))
+        with Server(folder / "server", FLAT_WORLD, *options) as server:
+            yield server
+
+
+@pytest.fixture(scope="module")
+def confined(confined_server: Server) -> Iterator[SimulatorClient]:
+    """A client as others have it; a first batch stands."""
+    port = confined_server.address.rpartition(":")[2]
+    with SimulatorClient(f"127.0.0.1:{port}", timeout_s=PATIENCE_S) as client:
         client.step_batch()
         yield client
+
+
+def test_insecure_serves_others(confined: SimulatorClient) -> None:
+    assert confined.is_ready(PATIENCE_S)
 
 
 FIELDS = tuple(naming("", ""))
@@ -369,20 +360,21 @@ def test_the_configuration_may_name_any_file(start_server: StartServer, places: 
 
 
 def test_the_default_root_is_the_configurations_folder(
-    insecure: Server, outsider: SimulatorClient
+    flat_server: Server, flat_client: SimulatorClient
 ) -> None:
-    insecure.stdout.with_name("near.csv").write_text("x_m,y_m,z_m,qx,qy,qz,qw\n0,0,9,0,0,0,1\n")
+    near = flat_server.stdout.with_name("near.csv")
+    near.write_text("x_m,y_m,z_m,qx,qy,qz,qw\n0,0,9,0,0,0,1\n")
     metadata = ModuleMetadata(sensor={"motion": {"kind": "csv", "path": "near.csv"}})
-    outsider.step_batch(metadata=metadata)
-    assert outsider.render_sample().rig_pose.position_m == (0, 0, 9)
+    flat_client.step_batch(metadata=metadata)
+    assert flat_client.render_sample().rig_pose.position_m == (0, 0, 9)
+    flat_client.step_batch()
 
 
 def test_a_worker_imports_nothing_from_the_current_folder(
-    insecure: Server, outsider: SimulatorClient
+    confined_server: Server, confined: SimulatorClient
 ) -> None:
-    outsider.step_batch()
-    outsider.render_sample(NADIR, modalities=["depth"])
-    started_in = insecure.stdout.parent.parent
+    confined.render_sample(NADIR, modalities=["depth"])
+    started_in = confined_server.stdout.parent.parent
     assert (started_in / "numpy.py").exists()
     assert not (started_in / "sprung").exists()
 
@@ -414,7 +406,7 @@ def test_hostile_files_in_the_asset_roots_are_refused_and_the_worker_lives(
 
 
 MAKE_BLEND = """
-import sys, bpy
+import os, sys, bpy
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.mesh.primitive_cube_add()
 bpy.context.object.driver_add("location", 2).driver.expression = "len(str(frame)) * 0.0"
@@ -422,7 +414,7 @@ text = bpy.data.texts.new("attack.py")
 text.write(f"open({sys.argv[2]!r}, 'w')")
 text.use_module = True
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
-bpy.ops.wm.read_factory_settings(use_empty=True)  # with a driver, the process would not end
+os._exit(0)  # with a driver, Blender's own end may never come
 """
 
 
@@ -433,7 +425,7 @@ def test_scripts_in_a_blend_file_never_run(start_server: StartServer, tmp_path: 
     roots.mkdir()
     file = roots / "cube.blend"
     command = [sys.executable, "-c", MAKE_BLEND, str(file), str(attacked)]
-    subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
+    subprocess.run(command, check=True, capture_output=True, timeout=START_PATIENCE_S)
     assert not attacked.exists()
     camera = {"width_px": 16, "height_px": 12, "fx_px": 14.0, "fy_px": 14.0}
     world = {**FLAT_WORLD, "backend": "blender", "sensors": {"cameras": [camera]}}
