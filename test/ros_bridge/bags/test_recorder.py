@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import threading
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from commands import oaisys_here
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from rclpy.executors import SingleThreadedExecutor
@@ -118,13 +118,7 @@ def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path
 
     assert sorted(taken()) == ["/camera/depth/image_raw"] * VIEWS + [wanted[1]] * VIEWS
     assert not (folder / "metadata.yaml").exists()
-    told = subprocess.run(
-        ["oaisys", "bag", "recover", str(folder), "--out", str(tmp_path / "saved")],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
+    told = oaisys_here("bag", "recover", folder, "--out", tmp_path / "saved")
     assert told.stdout.strip() == f"{tmp_path / 'saved'}: {2 * VIEWS} messages"
     with Reader(tmp_path / "saved") as reader:
         assert {name: t.msgcount for name, t in reader.topics.items()} == dict.fromkeys(
