@@ -15,6 +15,7 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
+from commands import oaisys_here
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
@@ -145,9 +146,7 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
     assert crew.map.lost_by_middleware == []
     assert messages_of_samples(crew.bag) == dict.fromkeys(RECORDED, VIEWS)
     assert f"{VIEWS} samples, none of them incomplete" in crew.recorder.log.read_text()
-    told = subprocess.run(
-        ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
-    )
+    told = oaisys_here("bag", "info", crew.bag)
     assert f"{VIEWS} samples, none of them incomplete" in told.stdout
     assert "/receipts" not in told.stdout, "a bag that is played must not speak for a recorder"
 
@@ -195,9 +194,7 @@ def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_pat
     assert losses.incomplete == incomplete_samples(crew.bag) >= max(missing.values())
     said = crew.recorder.log.read_text()
     assert f"{losses.incomplete} of {PUBLISHED} samples are incomplete; lost:" in said
-    told = subprocess.run(
-        ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
-    )
+    told = oaisys_here("bag", "info", crew.bag)
     assert f"/camera/depth/image_raw {missing['/camera/depth/image_raw']}" in told.stdout
     crew.user.wait_until(
         lambda: crew.map.frames_integrated + crew.map.samples_incomplete == PUBLISHED
