@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Point
 from grid_map_msgs.msg import GridMap
+from grid_readers import read_layer, read_occupancy
 from nav_msgs.msg import OccupancyGrid
 from ros_peer import Stage, User, nanoseconds
 from served_simulator import FLAT_WORLD, Server
@@ -143,37 +144,6 @@ def test_the_true_mesh_comes_in_the_answer_and_as_a_file(
     assert not user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request).success
 
 
-def read_layer(message: GridMap, name: str, x_m: float, y_m: float) -> float:
-    """Return a layer's value at a place, by what the definitions say about dimensions and order.
-
-    Rows go along -x and columns along -y from the corner with the largest x and y; data is a
-    circular buffer that begins at the start indices, and the labels say which index is the outer.
-    """
-    data = message.data[message.layers.index(name)]
-    sizes = {dim.label: dim.size for dim in data.layout.dim}
-    info = message.info
-    row = int((info.pose.position.x + info.length_x / 2 - x_m) / info.resolution)
-    column = int((info.pose.position.y + info.length_y / 2 - y_m) / info.resolution)
-    assert sizes["row_index"] == round(info.length_x / info.resolution)
-    assert sizes["column_index"] == round(info.length_y / info.resolution)
-    row = (row + message.outer_start_index) % sizes["row_index"]
-    column = (column + message.inner_start_index) % sizes["column_index"]
-    outer, inner = data.layout.dim
-    index = {"row_index": row, "column_index": column}
-    assert outer.stride == outer.size * inner.size
-    assert inner.stride == inner.size
-    offset = data.layout.data_offset + index[outer.label] * inner.stride + index[inner.label]
-    return float(data.data[offset])
-
-
-def read_occupancy(message: OccupancyGrid, x_m: float, y_m: float) -> int:
-    """Return the value of the cell at a place: row-major, from the origin's corner on."""
-    info = message.info
-    column = int((x_m - info.origin.position.x) / info.resolution)
-    row = int((y_m - info.origin.position.y) / info.resolution)
-    return int(message.data[row * info.width + column])
-
-
 def maps_of(user: User, stamp: Any) -> tuple[GridMap, OccupancyGrid]:
     topics = ("ground_truth/grid_map", "ground_truth/occupancy")
 
@@ -206,6 +176,11 @@ def test_a_reader_of_the_definitions_finds_the_true_ground(served: tuple[User, S
         expected = client.query_height([(x, y, 0.0) for x, y in places]).surface_height_m
     found = [read_layer(grid_map, "elevation", x, y) for x, y in places]
     np.testing.assert_allclose(found, expected, atol=1e-3)
+    for dx, dy in ((0.0, 0.0), (0.5, 0.0), (-0.5, 0.25), (0.0, -0.75)):
+        # The middle of the cell; above it, the ball's surface in closed form.
+        x, y = (math.floor((at) / CELL_M) * CELL_M + CELL_M / 2 for at in (3.1 + dx, -1.9 + dy))
+        ball_m = 3.0 + math.sqrt(1.0 - (x - 3.0) ** 2 - (y + 2.0) ** 2)
+        assert read_layer(grid_map, "elevation", x, y) == pytest.approx(ball_m, abs=1e-3)
     for x, y in places:
         passable = read_layer(grid_map, "traversability", x, y)
         assert read_occupancy(occupancy, x, y) == round(100 * (1 - passable))
