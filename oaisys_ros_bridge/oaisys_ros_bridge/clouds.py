@@ -159,6 +159,31 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
     return points_m, rgb.astype(np.uint8)
 
 
+def distances_to_cloud_msg(points: NDArray[np.float32], header: Header) -> PointCloud2:
+    """Return (N, 4) positions with a distance, which is the field ``intensity``, as in PCL.
+
+    Args:
+        points: x, y, z in ``header``'s frame, and the distance; metres.
+        header: Stamp and frame.
+    """
+    fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(("x", "y", "z", "intensity"))
+    ]
+    data = buffer_of(np.ascontiguousarray(points, "<f4"))
+    count = len(points)
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=count,
+        fields=fields,
+        point_step=16,
+        row_step=16 * count,
+        data=data,
+        is_dense=True,
+    )
+
+
 _POINT_FIELD_TYPES = {
     "f4": PointField.FLOAT32,
     "u2": PointField.UINT16,

@@ -12,7 +12,7 @@ import sys
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, TransformStamped, Vector3
 from geometry_msgs.msg import Pose as PoseMsg
 from numpy.typing import ArrayLike, NDArray
@@ -130,6 +130,12 @@ def stamp_from_nanoseconds(stamp_ns: int) -> Time:
     """Return the stamp of nanoseconds since the epoch, 0 or more."""
     sec, nanosec = divmod(stamp_ns, NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)
+
+
+def duration_from_seconds(seconds: float) -> Duration:
+    """Return a duration, to the nanosecond."""
+    whole, rest = divmod(round(seconds * NS_PER_S), NS_PER_S)
+    return Duration(sec=whole, nanosec=rest)
 
 
 def pose_to_msg(pose: Pose) -> PoseMsg:

@@ -46,6 +46,8 @@ class SceneObject:
         pose: Pose in ``map`` of the centre of its base, or of a solid's centre.
         scale: Factor on the size of its shape.
         low_m, high_m: Corners of its axis-aligned bounding box in ``map``.
+        box_low_m, box_high_m: Corners of its bounding box along its own axes, in the frame of
+            ``pose``, in metres: scaled.
     """
 
     instance_id: int
@@ -58,6 +60,8 @@ class SceneObject:
     scale: float
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
+    box_low_m: tuple[float, float, float]
+    box_high_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True)

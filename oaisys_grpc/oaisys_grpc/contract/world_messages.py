@@ -189,6 +189,14 @@ def query_to_proto(query: ObjectQuery, metadata: ModuleMetadata | None) -> pb.Li
     return _QUERY.to_proto(query, metadata=sent)
 
 
-_OBJECT = RecordConversion(SceneObject, pb.SceneObject, pose=POSE, low_m=VECTOR, high_m=VECTOR)
+_OBJECT = RecordConversion(
+    SceneObject,
+    pb.SceneObject,
+    pose=POSE,
+    low_m=VECTOR,
+    high_m=VECTOR,
+    box_low_m=VECTOR,
+    box_high_m=VECTOR,
+)
 _PAGE = RecordConversion(ObjectPage, pb.ListObjectsResponse, objects=each(_OBJECT))
 page_to_proto, page_from_proto = _PAGE.to_proto, _PAGE.from_proto

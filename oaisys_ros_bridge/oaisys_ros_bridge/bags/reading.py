@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mcap.records import Schema
+
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.files.documents import parse_yaml, read_text
 from oaisys_ros_bridge.bags.finished_bag import describe_topic, open_finished
@@ -27,14 +29,16 @@ class RecordedMessage:
         topic: Its full name.
         data: In CDR, with its header.
         received_ns: When the recorder received it.
+        schema: Describes its type as it was then; None: unknown.
     """
 
     topic: str
     data: bytes
     received_ns: int
+    schema: Schema | None = None
 
     def deserialize(self, kind: type[Any]) -> Any:
-        """Return the message, whose type is ``kind``.
+        """Return the message, whose type is ``kind``; what the type did not have yet is empty.
 
         Raises:
             InvalidInputError: Its bytes are not such a message.
@@ -44,8 +48,17 @@ class RecordedMessage:
         try:
             return deserialize_message(self.data, kind)
         except (RuntimeError, ValueError, MemoryError) as error:
+            earlier = self._deserialize_earlier(kind)
+            if earlier is not None:
+                return earlier
             expected = f"a message of the type {kind.__name__}"
             raise InvalidInputError(self.topic, self.data[:40], expected) from error
+
+    def _deserialize_earlier(self, kind: type[Any]) -> Any:
+        """Return the message by the bag's own description of its type; None: it is no such one."""
+        from oaisys_ros_bridge.bags.earlier_types import decode_earlier  # needs ROS
+
+        return None if self.schema is None else decode_earlier(self.data, self.schema, kind)
 
 
 class BagReader:
@@ -72,8 +85,8 @@ class BagReader:
         """
         for file in self._files:
             with open_finished(file) as (reader, _):
-                for _, channel, message in reader.iter_messages(topics):
-                    yield RecordedMessage(channel.topic, message.data, message.log_time)
+                for schema, channel, message in reader.iter_messages(topics):
+                    yield RecordedMessage(channel.topic, message.data, message.log_time, schema)
 
     def require(self, topics: Collection[str]) -> None:
         """Raise `NotFoundError` where the bag does not have all of these topics."""

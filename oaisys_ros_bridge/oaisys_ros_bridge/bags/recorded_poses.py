@@ -33,7 +33,7 @@ STATIC_SUFFIX = "tf_static"
 BASE_FRAME = "base_link"
 NANOSECONDS = 10**9
 
-_DECODE_ERRORS = (
+DECODE_ERRORS = (
     *(McapError, struct.error, ValueError, AttributeError, TypeError, KeyError, IndexError),
     *(NotImplementedError, RecursionError, OverflowError, MemoryError),
 )
@@ -133,7 +133,7 @@ def _messages(
                 try:
                     decode = decoders.decoder_for(channel.message_encoding, schema)
                     content = None if decode is None else decode(message.data)
-                except _DECODE_ERRORS as error:
+                except DECODE_ERRORS as error:
                     expected = f"a message as the bag describes it ({error})"
                     raise InvalidInputError(place, message.data[:20], expected) from error
                 if content is None:
@@ -152,7 +152,7 @@ def _numbers(place: str, position: Any, orientation: Any, stamp: Any | None) -> 
         position_m = [float(getattr(position, axis)) for axis in "xyz"]
         quat = [float(getattr(orientation, axis)) for axis in "xyzw"]
         stamp_ns = None if stamp is None else stamp.sec * NANOSECONDS + stamp.nanosec
-    except _DECODE_ERRORS as error:
+    except DECODE_ERRORS as error:
         expected = f"a pose as ROS defines it ({error})"
         raise InvalidInputError(place, str(position), expected) from error
     pose = check_pose(position_m, quat, place)

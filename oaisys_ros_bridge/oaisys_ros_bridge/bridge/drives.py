@@ -16,7 +16,7 @@ from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.bridge.requests import Cancellation, drive_request
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import DriveTopics, WorldTopics
-from oaisys_ros_bridge.conversions import NS_PER_S, pose_to_msg
+from oaisys_ros_bridge.conversions import NS_PER_S, duration_from_seconds, pose_to_msg
 
 FEEDBACK_PERIOD_S = 0.1
 """Least time between two messages of feedback."""
@@ -100,12 +100,16 @@ class DrivePublisher:
         now_s = time.monotonic()
         if now_s >= self._fed_back_s + FEEDBACK_PERIOD_S:
             self._fed_back_s = now_s
+            elapsed_s = (instant.time_ns - outline.start_ns) / NS_PER_S
+            total_s = (outline.end_ns - outline.start_ns) / NS_PER_S
             self._goal.publish_feedback(
                 Drive.Feedback(
                     stamp=stamp,
-                    elapsed=(instant.time_ns - outline.start_ns) / NS_PER_S,
-                    duration=(outline.end_ns - outline.start_ns) / NS_PER_S,
+                    elapsed=elapsed_s,
+                    duration=total_s,
                     pose=pose_to_msg(instant.pose),
+                    elapsed_duration=duration_from_seconds(elapsed_s),
+                    total_duration=duration_from_seconds(total_s),
                 )
             )
 

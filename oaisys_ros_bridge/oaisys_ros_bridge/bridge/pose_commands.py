@@ -26,6 +26,7 @@ from oaisys_ros_bridge.bridge.requests import (
     poses_in_map,
     poses_of_trajectory,
 )
+from oaisys_ros_bridge.conversions import duration_from_seconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import NEWEST_QOS
 
@@ -134,10 +135,10 @@ def sweep_server(node: Node, render_queue: RenderQueue) -> GoalServer:
             except OaisysError as error:
                 raise OaisysError(f"poses.poses[{index}]: {error}") from error
             result.sample_ids.append(sample.sample_id)
-            done, render_s = index + 1, sample.render_time_s
-            goal.publish_feedback(
-                Sweep.Feedback(index=done, total=len(array.poses), render_time=render_s)
-            )
+            feedback = Sweep.Feedback(index=index + 1, total=len(array.poses))
+            feedback.render_time = sample.render_time_s
+            feedback.render_duration = duration_from_seconds(sample.render_time_s)
+            goal.publish_feedback(feedback)
         render_queue.back_pressure.wait_until_taken(cancellation)
         result.success = True
         result.message = "; ".join(render_queue.back_pressure.shortfalls(before))

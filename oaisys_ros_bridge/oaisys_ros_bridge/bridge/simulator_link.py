@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -23,12 +23,14 @@ from oaisys_core.errors import (
     WorkerStartingError,
 )
 from oaisys_core.types import (
+    MAX_OBJECTS,
     HeightGrid,
     HeightQuery,
     ModuleMetadata,
     ObjectPage,
     ObjectQuery,
     Pose,
+    SceneObject,
     SimulatorInfo,
     TriangleMesh,
 )
@@ -270,6 +272,19 @@ class SimulatorLink:
         """
         with self._lend_client() as client:
             return client.list_objects(query, metadata)
+
+    def find_objects(self, instance_ids: Sequence[int]) -> list[SceneObject]:
+        """Return the objects of some ids, as they stand now.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+        found: list[SceneObject] = []
+        for first in range(0, len(instance_ids), MAX_OBJECTS):
+            ids = tuple(instance_ids[first : first + MAX_OBJECTS])
+            page = self.list_objects(ObjectQuery(instance_ids=ids, limit=MAX_OBJECTS), None)
+            found += page.objects
+        return found
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
         """Return the heights under (N, 3) points in ``map``.

@@ -8,7 +8,7 @@ from oaisys_core.types import TriangleMesh
 from oaisys_mapping.ground_grid import GridPlace, GroundGrid
 from oaisys_mapping.surface_labels import labels_at
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
-from oaisys_ros_bridge.publishing.ground_topics import NewestView
+from oaisys_ros_bridge.publishing.map_schedule import NewestView
 
 
 class TrueGround:

@@ -22,10 +22,10 @@ from oaisys_ros_bridge.bridge.stamps import Stamps
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
+from oaisys_ros_bridge.publishing.sample_info import batch_info_msg
 from oaisys_ros_bridge.publishing.sample_publisher import (
     Publication,
     SamplePublisher,
-    batch_info_msg,
 )
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.timers import steady_timer

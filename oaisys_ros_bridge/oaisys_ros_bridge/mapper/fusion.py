@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
@@ -22,6 +22,7 @@ from oaisys_mapping.rectification import rectify, rectify_camera, rectify_labels
 from oaisys_mapping.voxels.config import TsdfConfig
 
 if TYPE_CHECKING:
+    from oaisys_mapping.distance_field import DistanceField
     from oaisys_mapping.tsdf import TsdfVolume
 
 QUEUE_FRAMES = 32
@@ -161,6 +162,22 @@ class Fusion:
         """Return the surface of the frames that are fused so far, without blocks stored on disk."""
         with self._volume_lock:
             return self._volume.extract_mesh(with_stored=False)
+
+    @property
+    def voxel_size_m(self) -> float:
+        """Edge of a voxel."""
+        return self._config.voxel_size_m
+
+    def distance_field(self, low_m: ArrayLike, high_m: ArrayLike) -> DistanceField:
+        """Return the distances to the surface of the frames that are fused so far, in a box.
+
+        Raises:
+            InvalidInputError: The box is empty or too large.
+        """
+        from oaisys_mapping.distance_field import distance_field  # imports Open3D
+
+        with self._volume_lock:
+            return distance_field(self._volume, low_m, high_m)
 
     @contextmanager
     def settle(self, timeout_s: float) -> Iterator[TsdfVolume]:

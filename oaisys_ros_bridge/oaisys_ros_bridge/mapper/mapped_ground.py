@@ -6,7 +6,7 @@ import numpy as np
 
 from oaisys_mapping.ground_grid import GridPlace, GroundGrid, grid_of_points
 from oaisys_ros_bridge.mapper.fusion import Fusion
-from oaisys_ros_bridge.publishing.ground_topics import NewestView
+from oaisys_ros_bridge.publishing.map_schedule import NewestView
 
 
 class MappedGround:

@@ -28,6 +28,7 @@ from oaisys_ros_bridge.bridge.simulator_link import LinkChange, SimulatorLink
 from oaisys_ros_bridge.bridge.status import BridgeStatus
 from oaisys_ros_bridge.bridge.true_ground import TrueGround
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
+from oaisys_ros_bridge.conversions import duration_from_seconds
 from oaisys_ros_bridge.nodes.managed_node import (
     ACTIVE,
     FINALIZED,
@@ -255,6 +256,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         response.sample_id = sample.sample_id
         response.stamp = stamp
         response.render_time = sample.render_time_s
+        response.render_duration = duration_from_seconds(sample.render_time_s)
         return response
 
     def _on_step_batch(self, request: StepBatch.Request, response: StepBatch.Response) -> Any:

@@ -23,6 +23,7 @@ from oaisys_mapping.mesh_io import write_ply
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
+from oaisys_ros_bridge.mapper.esdf_topic import EsdfTopic
 from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.mapper.inputs import IN_MAP, SAMPLE_INFO_TOPIC, MapperInputs
 from oaisys_ros_bridge.mapper.mapped_ground import MappedGround
@@ -93,6 +94,7 @@ class MapperNode(ParameterNode, Node):
         self._ground_topics = GroundTopics(
             self, "~/", ground.newest_view, ground.find, lambda: self.parameters
         )
+        EsdfTopic(self, self._fusion, ground.newest_view, lambda: self.parameters)
         self._inputs = MapperInputs(
             self,
             values,

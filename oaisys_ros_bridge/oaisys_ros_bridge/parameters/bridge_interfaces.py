@@ -86,6 +86,14 @@ _IMAGES = (
     ),
     Interface(
         InterfaceKind.PUBLISHED,
+        "camera/detections_3d",
+        "vision_msgs/msg/Detection3DArray",
+        "Boxes in space of the objects that the image shows, along their own axes, in the optical "
+        "frame; the pose of a result is that of the object's origin. Not in drives.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "camera/transform",
         "geometry_msgs/msg/TransformStamped",
         "From `map` to the optical frame, once a sample, for mappers such as voxblox.",

@@ -143,6 +143,14 @@ MAPPER_INTERFACES = (
     ),
     Interface(
         InterfaceKind.PUBLISHED,
+        "~/esdf_slice",
+        "sensor_msgs/msg/PointCloud2",
+        "x, y, z and `intensity`: the distance to the mapped surface at a height, in metres, "
+        "negative behind it; with `esdf.length_m`.",
+        LATCHED,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "~/metrics",
         "oaisys_msgs/msg/MapStatus",
         "Frames received, integrated, dropped; seconds for the last one; figures as JSON; samples "

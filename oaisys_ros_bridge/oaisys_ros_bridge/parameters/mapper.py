@@ -189,8 +189,45 @@ _OUTPUTS = (
     ),
 )
 
+_DISTANCES = (
+    ParameterRow(
+        "esdf.length_m",
+        0.0,
+        "Edge of the slice of the distance field around the newest view, esdf_slice; 0: no slice. "
+        "Free space is then recorded, which takes memory.",
+        unit="m",
+        least=0.0,
+        most=1000.0,
+        changeable=_START,
+    ),
+    ParameterRow(
+        "esdf.slice_level",
+        0.5,
+        "Height of the slice, z in the map frame.",
+        unit="m",
+        least=-1e5,
+        most=1e5,
+    ),
+    ParameterRow(
+        "esdf.max_distance_m",
+        2.0,
+        "Larger distances are told as this one.",
+        unit="m",
+        least=0.01,
+        most=100.0,
+    ),
+    ParameterRow(
+        "esdf.period_s",
+        1.0,
+        "Least time between two slices; 0: one for each view. Only for subscribers.",
+        unit="s",
+        least=0.0,
+        most=86400.0,
+    ),
+)
+
 MAPPER = ParameterTable(
-    (*_VOLUME, *_INPUTS, *_OUTPUTS, *ground_map_rows(length_m=20.0, period_s=5.0))
+    (*_VOLUME, *_INPUTS, *_OUTPUTS, *_DISTANCES, *ground_map_rows(length_m=20.0, period_s=5.0))
 )
 """The mapper's parameters."""
 
@@ -215,5 +252,6 @@ def tsdf_config(values: Mapping[str, Any]) -> TsdfConfig:
         weigh_incidence=values["weigh_incidence"],
         max_weight=values["max_weight"],
         clear_free_space=values["clear_free_space"],
+        record_free_space=values["esdf.length_m"] > 0,
         semantic=semantic,
     )

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from builtin_interfaces.msg import Time
 from grid_map_msgs.msg import GridMap
@@ -20,6 +17,7 @@ from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.ground_maps import ground_msgs
 from oaisys_ros_bridge.parameters.ground_maps import check_ground_map, rover_of
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.publishing.map_schedule import MapSchedule, NewestView
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.timers import steady_timer
 
@@ -28,21 +26,6 @@ LOOK_S = 0.5
 
 Each look wakes the node's executor, which takes 2 ms of CPU time.
 """
-
-
-@dataclass(frozen=True)
-class NewestView:
-    """What the next map would be of.
-
-    Attributes:
-        number: Of the view; another one for each.
-        stamp_ns: When it was taken.
-        xy_m: The rig or its camera, in ``map``.
-    """
-
-    number: int
-    stamp_ns: int
-    xy_m: tuple[float, float]
 
 
 class GroundTopics:
@@ -64,13 +47,9 @@ class GroundTopics:
         find_ground: Callable[[GridPlace], GroundGrid],
         settings: Settings,
     ) -> None:
-        self._node = node
-        self._newest_view = newest_view
+        self._schedule = MapSchedule(node, "map of the ground", newest_view)
         self._find_ground = find_ground
         self._settings = settings
-        self._published: int | None = None
-        self._published_s = -math.inf
-        self._told = ""
         self._grid_map = node.create_publisher(GridMap, f"{prefix}grid_map", LATCHED_QOS)
         self._occupancy = node.create_publisher(OccupancyGrid, f"{prefix}occupancy", LATCHED_QOS)
         group = MutuallyExclusiveCallbackGroup()
@@ -86,21 +65,17 @@ class GroundTopics:
         values = self._settings()
         if not values["ground_map.length_m"] or not self._has_subscribers():
             return
-        view = self._newest_view()
+        view = self._schedule.take(values["ground_map.period_s"])
         if view is None:
             return
-        period_s = values["ground_map.period_s"]
-        if view.number == self._published if not period_s else not self._is_due(period_s):
-            return
-        self._published, self._published_s = view.number, time.monotonic()
         length_m, cell_m = values["ground_map.length_m"], values["ground_map.resolution_m"]
         try:
             check_ground_map(values)
             grid = self._find_ground(GridPlace.around(view.xy_m, length_m, cell_m))
         except OaisysError as error:
-            self._tell(str(error))
+            self._schedule.tell(str(error))
             return
-        self._tell("")
+        self._schedule.tell("")
         stamp: Time = stamp_from_nanoseconds(view.stamp_ns)
         header = Header(stamp=stamp, frame_id=values["map_frame"])
         grid_map, occupancy = ground_msgs(grid, rover_of(values), header)
@@ -110,12 +85,3 @@ class GroundTopics:
     def _has_subscribers(self) -> bool:
         publishers = (self._grid_map, self._occupancy)
         return any(publisher.get_subscription_count() for publisher in publishers)
-
-    def _is_due(self, period_s: float) -> bool:
-        return time.monotonic() >= self._published_s + period_s
-
-    def _tell(self, reason: str) -> None:
-        """Warn why there is no map, once for the same reason."""
-        if reason and reason != self._told:
-            self._node.get_logger().warning(f"no map of the ground: {reason}")
-        self._told = reason

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields
 from itertools import count
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.node import Node
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.types import (
     DEPTH,
     INSTANCE,
-    POINTS,
     RGB,
     SEMANTIC_0,
     DriveInstant,
@@ -29,19 +25,19 @@ from oaisys_core.types import (
     FrameName,
     LidarScan,
     Pose,
-    Provenance,
     Sample,
     SampleOutline,
+    SceneObject,
     SimulatorInfo,
 )
-from oaisys_msgs.msg import SampleInfo, SensorPose
-from oaisys_ros_bridge.conversions import pose_to_msg
+from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.place_topics import PlaceTopics
 from oaisys_ros_bridge.publishing.publishers import NodePublishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
+from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
 from oaisys_ros_bridge.publishing.sensor_topics import (
     SensorTopics,
     find_left_camera,
@@ -169,9 +165,8 @@ class SamplePublisher:
     def announce(self, sample: Sample, stamp: Time, faults: DepthFaults) -> None:
         """Announce that a sample is complete."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
-        faults_json = json.dumps(asdict(faults)) if faults.active else ""
         number, topics = next(self._numbers), self.publishers.used
-        message = sample_info_msg(sample, header, faults_json, sequence=number, topics=topics)
+        message = sample_info_msg(sample, header, faults, sequence=number, topics=topics)
         self.publishers.send(self._sample_info, message)
 
     def _publish_mounts(self, base_frame: str) -> None:
@@ -247,6 +242,33 @@ class Publication:
             if frame.modality in (INSTANCE, SEMANTIC_0):
                 self._publish_detections(frame.sensor)
 
+    @property
+    def wants_boxes(self) -> bool:
+        """Whether somebody subscribes to the boxes in space of objects in one of the images."""
+        return bool(self._images_of_boxes())
+
+    def shown_objects(self) -> list[int]:
+        """Return the ids of the objects in these images."""
+        ids = {
+            each for _, frame in self._images_of_boxes() for each in np.unique(frame.data).tolist()
+        }
+        return sorted(ids - {0})
+
+    def publish_boxes(self, objects: Sequence[SceneObject]) -> None:
+        """Publish the boxes in space of objects, as they were at the sample."""
+        with self._count_time():
+            for topics, frame in self._images_of_boxes():
+                topics.publish_boxes(objects, frame, self.stamp)
+
+    def _images_of_boxes(self) -> list[tuple[SensorTopics, Frame]]:
+        """Return images of ids whose objects' boxes somebody subscribes to."""
+        sensors = self._publisher.sensors
+        return [
+            (sensors[name.sensor], frame)
+            for name, frame in self._frames.items()
+            if name.modality == INSTANCE and sensors[name.sensor].wants_boxes
+        ]
+
     def finish(self, sample: Sample) -> None:
         """Publish path and viewpoints, and announce that the sample is complete."""
         with self._count_time():
@@ -298,87 +320,4 @@ def depth_faults(values: Mapping[str, Any]) -> DepthFaults:
         min_depth_m=values["faults.min_depth_m"],
         max_depth_m=values["faults.max_depth_m"],
         missing_ratio=values["faults.missing_ratio"],
-    )
-
-
-def sample_info_msg(
-    sample: Sample,
-    header: Header,
-    faults_json: str = "",
-    *,
-    sequence: int = 0,
-    topics: Collection[str] = (),
-) -> SampleInfo:
-    """Return the message that describes a sample: its frames, poses and provenance.
-
-    Args:
-        sample: A complete sample.
-        header: Stamp of the sample, and frame of its poses.
-        faults_json: Faults that were added to its depth; empty: none.
-        sequence: Its number among all published samples; 0: unknown.
-        topics: Full names of the topics on which its messages were published.
-    """
-    frames: dict[str, list[Frame]] = {}
-    for frame in sample.frames:
-        frames.setdefault(frame.sensor, []).append(frame)
-    how = {field.name: getattr(sample.provenance, field.name) for field in fields(Provenance)}
-    return SampleInfo(
-        header=header,
-        batch_id=sample.batch_id,
-        sample_id=sample.sample_id,
-        rig_pose=pose_to_msg(sample.rig_pose),
-        sensors=[
-            *(_sensor_pose_msg(sensor, of_it) for sensor, of_it in frames.items()),
-            *map(_lidar_pose_msg, sample.scans),
-        ],
-        render_time=sample.render_time_s,
-        from_cache=sample.from_cache,
-        faults_json=faults_json,
-        sequence=sequence,
-        topics=sorted(topics),
-        **how,
-    )
-
-
-def outline_from_msg(msg: SampleInfo) -> SampleOutline:
-    """Return the outline of the sample that a message describes; see `sample_info_msg`."""
-    how = {field.name: getattr(msg, field.name) for field in fields(Provenance)}
-    names = [FrameName(sensor.sensor, m) for sensor in msg.sensors for m in sensor.modalities]
-    return SampleOutline(
-        batch_id=msg.batch_id,
-        sample_id=msg.sample_id,
-        rig_pose=_exact_pose(msg.rig_pose),
-        frames=tuple(names),
-        provenance=Provenance(**how),
-        from_cache=msg.from_cache,
-    )
-
-
-def _exact_pose(msg: PoseMsg) -> Pose:
-    """Return the pose of a message bit for bit, without normalising it."""
-    p, q = msg.position, msg.orientation
-    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-
-
-def batch_info_msg(info: SimulatorInfo, header: Header) -> SampleInfo:
-    """Return the message that announces a new world, before there is a sample of it."""
-    known = {field.name for field in fields(Provenance)} & {field.name for field in fields(info)}
-    return SampleInfo(
-        header=header,
-        batch_id=info.batch_id,
-        **{name: getattr(info, name) for name in known},
-    )
-
-
-def _lidar_pose_msg(scan: LidarScan) -> SensorPose:
-    pose = pose_to_msg(pose_from_matrix(scan.T_map_lidar))
-    return SensorPose(sensor=scan.sensor, modalities=[POINTS], pose=pose)
-
-
-def _sensor_pose_msg(sensor: str, frames: list[Frame]) -> SensorPose:
-    return SensorPose(
-        sensor=sensor,
-        modalities=[frame.modality for frame in frames],
-        pose=pose_to_msg(pose_from_matrix(frames[0].T_map_camera)),
-        k=frames[0].intrinsics.K.ravel(),
     )

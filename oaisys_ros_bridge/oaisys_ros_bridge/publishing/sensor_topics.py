@@ -23,7 +23,7 @@ from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
-from vision_msgs.msg import Detection2DArray, LabelInfo
+from vision_msgs.msg import Detection2DArray, Detection3DArray, LabelInfo
 
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, transform
 from oaisys_core.types import (
@@ -39,6 +39,7 @@ from oaisys_core.types import (
     RGB,
     FloatArray,
     Frame,
+    SceneObject,
     SensorInfo,
     semantic_level,
 )
@@ -65,7 +66,12 @@ from oaisys_ros_bridge.publishing.publishers import (
     TopicPublisher,
     has_subscribers,
 )
-from oaisys_ros_bridge.publishing.vision import detections_msg, disparity_msg, label_info_msg
+from oaisys_ros_bridge.publishing.vision import (
+    boxes_msg,
+    detections_msg,
+    disparity_msg,
+    label_info_msg,
+)
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
@@ -175,6 +181,7 @@ class SensorTopics:
             self._cloud()
         if INSTANCE in sensor.modalities:
             self._detections()
+            self._boxes()
         if self._has_disparities:
             self._disparity()
         self._transform()
@@ -255,6 +262,18 @@ class SensorTopics:
             message = detections_msg(instances.data, of_pixels, header)
             self._publishers.send(publisher, message)
 
+    @property
+    def wants_boxes(self) -> bool:
+        """Whether somebody subscribes to the boxes of objects in space."""
+        return INSTANCE in self._sensor.modalities and has_subscribers(self._boxes())
+
+    def publish_boxes(self, objects: Sequence[SceneObject], instances: Frame, stamp: Time) -> None:
+        """Publish the boxes in the camera's own frame of the objects that an image of ids shows."""
+        shown = set(np.unique(instances.data).tolist())
+        found = [each for each in objects if each.instance_id in shown]
+        message = boxes_msg(found, instances.T_map_camera, self._header(stamp))
+        self._publishers.send(self._boxes(), message)
+
     def publish_cloud(
         self, depth: Frame, color: Frame | None, stamp: Time, values: Mapping[str, Any]
     ) -> None:
@@ -291,6 +310,10 @@ class SensorTopics:
     def _detections(self) -> TopicPublisher:
         topic = f"{self._namespace}/detections"
         return self._publishers.offer(Detection2DArray, topic, SENSOR_QOS)
+
+    def _boxes(self) -> TopicPublisher:
+        topic = f"{self._namespace}/detections_3d"
+        return self._publishers.offer(Detection3DArray, topic, SENSOR_QOS)
 
     def _disparity(self) -> TopicPublisher:
         topic = self._topic(DISPARITY, "disparity_image")

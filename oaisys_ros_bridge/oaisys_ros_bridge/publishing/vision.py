@@ -6,14 +6,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovariance, Vector3
 from numpy.typing import NDArray
 from sensor_msgs.msg import RegionOfInterest
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 from vision_msgs.msg import (
     BoundingBox2D,
+    BoundingBox3D,
     Detection2D,
     Detection2DArray,
+    Detection3D,
+    Detection3DArray,
     LabelInfo,
     ObjectHypothesis,
     ObjectHypothesisWithPose,
@@ -22,9 +26,10 @@ from vision_msgs.msg import (
     VisionClass,
 )
 
+from oaisys_core.geometry import invert, pose_from_matrix, pose_to_matrix, transform
 from oaisys_core.geometry.pixel_boxes import pixel_boxes
-from oaisys_core.types import Frame
-from oaisys_ros_bridge.conversions import image_to_msg
+from oaisys_core.types import FloatArray, Frame, SceneObject
+from oaisys_ros_bridge.conversions import image_to_msg, pose_to_msg
 
 
 def disparity_msg(frame: Frame, header: Header, baseline_m: float) -> DisparityImage:
@@ -102,3 +107,38 @@ def _detection(
     centre = Pose2D(position=Point2D(x=left + (width - 1) / 2, y=top + (height - 1) / 2))
     bbox = BoundingBox2D(center=centre, size_x=float(width), size_y=float(height))
     return Detection2D(header=header, results=hypotheses, bbox=bbox, id=str(instance_id))
+
+
+def boxes_msg(
+    objects: Sequence[SceneObject], T_map_camera: FloatArray, header: Header
+) -> Detection3DArray:
+    """Return the boxes of objects along their own axes, by rising id.
+
+    ``id`` is the object's, ``class_id`` its semantic id, ``score`` 1, and the pose of the result
+    that of the object's own origin: the centre of its base, or of a solid its centre.
+
+    Args:
+        objects: The objects.
+        T_map_camera: (4, 4) pose of the frame that the boxes are in.
+        header: Of that frame.
+    """
+    T_camera_map = invert(T_map_camera)
+    ordered = sorted(objects, key=lambda each: each.instance_id)
+    return Detection3DArray(
+        header=header, detections=[_box(each, T_camera_map, header) for each in ordered]
+    )
+
+
+def _box(thing: SceneObject, T_camera_map: FloatArray, header: Header) -> Detection3D:
+    low_m, high_m = np.array(thing.box_low_m), np.array(thing.box_high_m)
+    T_camera_object = T_camera_map @ pose_to_matrix(thing.pose)
+    T_camera_box = T_camera_object @ transform(np.eye(3), (low_m + high_m) / 2)
+    x_m, y_m, z_m = (high_m - low_m).tolist()
+    hypothesis = ObjectHypothesisWithPose(
+        hypothesis=ObjectHypothesis(class_id=str(thing.semantic_id), score=1.0),
+        pose=PoseWithCovariance(pose=pose_to_msg(pose_from_matrix(T_camera_object))),
+    )
+    box = BoundingBox3D(
+        center=pose_to_msg(pose_from_matrix(T_camera_box)), size=Vector3(x=x_m, y=y_m, z=z_m)
+    )
+    return Detection3D(header=header, results=[hypothesis], bbox=box, id=str(thing.instance_id))

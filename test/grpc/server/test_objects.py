@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 from served_simulator import FLAT_WORLD, Server
 
 from oaisys_core.errors import InvalidInputError, NotReadyError
@@ -35,6 +36,13 @@ WORLD: dict[str, Any] = {
 BOULDER = {"shape": "boulder", "position_m": [3, 3, 0], "label": "extra", "semantic_id": 13}
 
 
+def true_vertices_m(client: SimulatorClient, instance_id: int) -> np.ndarray:
+    """Return the (N, 3) vertices in `map` of an object in the true mesh."""
+    mesh = client.ground_truth_mesh()
+    assert mesh.instance_ids is not None
+    return mesh.vertices_m[np.unique(mesh.triangles[mesh.instance_ids == instance_id])]
+
+
 def adding(name: str, **changes: Any) -> ModuleMetadata:
     return ModuleMetadata(asset={"add": {name: {**BOULDER, **changes}}})
 
@@ -54,6 +62,17 @@ def names(
     client: SimulatorClient, metadata: ModuleMetadata | None = None, **query: Any
 ) -> list[str]:
     return [thing.name for thing in client.list_objects(ObjectQuery(**query), metadata).objects]
+
+
+def test_an_objects_own_box_is_the_one_around_its_mesh(client: SimulatorClient) -> None:
+    kinds = {thing.kind: thing for thing in client.list_objects().objects}
+    assert len(kinds) == 4
+    for thing in kinds.values():
+        vertices_m = true_vertices_m(client, thing.instance_id)
+        turn = Rotation.from_quat(thing.pose.quat_xyzw)
+        own_m = turn.inv().apply(vertices_m - np.array(thing.pose.position_m))
+        assert_allclose(own_m.min(axis=0), thing.box_low_m, atol=1e-4)
+        assert_allclose(own_m.max(axis=0), thing.box_high_m, atol=1e-4)
 
 
 def test_everything_is_listed_once_in_the_order_of_its_ids(client: SimulatorClient) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Sample
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.conversions import image_to_msg
-from oaisys_ros_bridge.publishing.sample_publisher import outline_from_msg, sample_info_msg
+from oaisys_ros_bridge.publishing.sample_info import outline_from_msg, sample_info_msg
 from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY, encoding_of
 
 MODALITIES = ["rgb", "depth", "range", "semantic_0", "instance", "normal"]
@@ -53,7 +51,7 @@ class Recorded:
         """Record a sample; ``first`` counts its images that are missing."""
         stamp = Time(sec=sample.batch_id, nanosec=sample.sample_id)
         header = Header(stamp=stamp, frame_id="map")
-        told = sample_info_msg(sample, header, json.dumps(asdict(faults)) if faults else "")
+        told = sample_info_msg(sample, header, faults)
         # What comes by other topics may be recorded in any order.
         self.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
         assert outline_from_msg(told) == sample.outline
@@ -141,7 +139,8 @@ def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> N
     with recorded.bag:
         recorded.configuration()
         recorded.simulation.step_batch()
-        told = sample_info_msg(recorded.simulation.step_sample(), Header(), text)
+        told = sample_info_msg(recorded.simulation.step_sample(), Header())
+        told.faults_json = text
         recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
     done = oaisys("repeat", tmp_path / "bag")
     assert done.returncode == 2

@@ -17,11 +17,12 @@ from nav_msgs.msg import OccupancyGrid
 from ros_peer import Stage, User, nanoseconds
 from served_simulator import FLAT_WORLD, Server
 from std_msgs.msg import Header
+from vision_msgs.msg import Detection3DArray
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_msgs.srv import GetGroundTruthMesh, QueryHeight
-from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
 
@@ -43,6 +44,7 @@ WORLD: dict[str, Any] = {
     },
 }
 LENGTH_M, CELL_M = 12.0, 0.25
+BOXES = "camera/detections_3d"
 PARAMETERS = (f"ground_map.length_m:={LENGTH_M}", f"ground_map.resolution_m:={CELL_M}")
 HASHES = {
     "msg/GridMap": "343b0e72887541beda6b035cc053f2d6fffaad9d6dcb2773c15a808dfca31fde",
@@ -61,6 +63,7 @@ def served(shared_stage: Stage) -> tuple[User, Server]:
     user = shared_stage.user
     user.listen(GridMap, "ground_truth/grid_map", LATCHED_QOS)
     user.listen(OccupancyGrid, "ground_truth/occupancy", LATCHED_QOS)
+    user.listen(Detection3DArray, BOXES, SENSOR_QOS)
     options = [
         part for each in (f"address:={server.address}", *PARAMETERS) for part in ("-p", each)
     ]
@@ -187,6 +190,25 @@ def test_a_reader_of_the_definitions_finds_the_true_ground(served: tuple[User, S
     assert read_layer(grid_map, "class", 3.0, -2.0) == STONE_ID
     assert read_occupancy(occupancy, 2.2, -2.0) == 100  # the ball's edge
     assert read_layer(grid_map, "class", -3.0, 2.0) != STONE_ID
+
+
+def test_the_box_of_a_ball_is_where_the_camera_looks(served: tuple[User, Server]) -> None:
+    user, _ = served
+    eye_m = (-3.0, 1.0, 6.0)
+    answer = user.set_pose(pose_looking_at(eye_m, (3.0, -2.0, 3.0)))
+    boxes = user.received[BOXES]
+    user.wait_until(lambda: boxes and boxes[-1].header.stamp == answer.stamp)
+    assert boxes[-1].header.frame_id == "camera_optical_frame"
+    (ball,) = boxes[-1].detections
+    centre, size = ball.bbox.center.position, ball.bbox.size
+    np.testing.assert_allclose([size.x, size.y, size.z], 2.0, atol=1e-9)
+    away_m = math.dist(eye_m, (3.0, -2.0, 3.0))
+    np.testing.assert_allclose([centre.x, centre.y, centre.z], [0, 0, away_m], atol=1e-6)
+    assert ball.results[0].hypothesis.class_id == str(STONE_ID)
+    before = len(boxes)
+    answer = user.set_pose(pose_looking_down(-12.0, 12.0, 9.0))  # no ball
+    user.wait_until(lambda: len(boxes) > before)
+    assert (list(boxes[-1].detections), boxes[-1].header.stamp) == ([], answer.stamp)
 
 
 def test_each_sample_has_a_map_and_the_maps_follow_the_rig(served: tuple[User, Server]) -> None:

@@ -39,6 +39,9 @@ CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
 SLOPE = 0.2
 """The plane is z = SLOPE * x."""
 POSES = [pose_looking_down(x, y, 8.0, yaw_rad=x) for x in (-2.0, 0.0, 2.0) for y in (-1.0, 1.0)]
+SLICE_M = 1.05
+"""Height of the slice, between two layers of voxels."""
+SLICE = ("esdf.length_m:=4.0", f"esdf.slice_level:={SLICE_M}", "esdf.max_distance_m:=0.7")
 TOPICS = {
     "depth": "camera/depth/image_raw",
     "info": "camera/depth/camera_info",
@@ -87,6 +90,7 @@ class Peer:
             (MapStatus, "metrics"),
             (Marker, "mesh"),
             (PointCloud2, "surface_points"),
+            (PointCloud2, "esdf_slice"),
         ):
             self.node.create_subscription(
                 kind,
@@ -170,7 +174,7 @@ class Peer:
 
 @pytest.fixture(scope="module")
 def shared_peer(ros_of_module: None) -> Iterator[Peer]:
-    started = Peer("voxel_size:=0.1", "mesh_period:=0.0")
+    started = Peer("voxel_size:=0.1", "mesh_period:=0.0", *SLICE)
     yield started
     started.end()
 
@@ -210,6 +214,33 @@ def test_images_of_a_plane_become_that_plane(peer: Peer, tmp_path: Path) -> None
     assert np.abs(corners_m[..., 2] - SLOPE * corners_m[..., 0]).max() < 0.011
     assert (colors == (200, 100, 50)).all()
     assert peer.latest["surface_points"].width == saved.vertices
+
+
+@pytest.mark.long
+def test_a_slice_of_distances_is_that_of_the_plane(peer: Peer) -> None:
+    peer.show_all()
+    x, y, _ = POSES[-1].position_m
+
+    def found() -> bool:
+        message = peer.latest.get("esdf_slice")
+        return message is not None and message.header.stamp.sec == len(POSES)
+
+    peer.wait_until(found)
+    message = peer.latest["esdf_slice"]
+    assert message.header.frame_id == "map"
+    assert [(f.name, f.offset, f.datatype) for f in message.fields] == [
+        (name, 4 * i, 7) for i, name in enumerate(("x", "y", "z", "intensity"))
+    ]
+    points = np.frombuffer(message.data, "<f4").reshape(message.width, 4)
+    # In a square of 4 m around the camera, at the voxels' places, 0.1 m apart.
+    assert (np.abs(points[:, :2] - (x, y)) <= 2.0).all()
+    assert 0.9 * 40**2 < len(points) <= 41**2
+    np.testing.assert_allclose(points[:, :2] * 10, np.rint(points[:, :2] * 10), atol=1e-3)
+    np.testing.assert_array_equal(points[:, 2], np.float32(SLICE_M))
+    true_m = np.minimum((SLICE_M - SLOPE * points[:, 0]) / np.hypot(1, SLOPE), 0.7)
+    # A tilted plane's nearest voxel is off by up to half a voxel's diagonal.
+    assert np.abs(points[:, 3] - true_m).max() < 0.06
+    assert (points[:, 3].max(), points[:, 3].min() < 0.35) == (np.float32(0.7), True)
 
 
 @pytest.mark.long

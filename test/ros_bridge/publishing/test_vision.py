@@ -5,21 +5,31 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from ros_peer import User
+from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 from vision_msgs.msg import Detection2DArray, LabelInfo
 
 from oaisys_core.geometry import T_LINK_OPTICAL, transform
-from oaisys_core.types import Frame, PinholeIntrinsics, Pose, Provenance, Sample, SensorInfo
+from oaisys_core.types import (
+    Frame,
+    PinholeIntrinsics,
+    Pose,
+    Provenance,
+    Sample,
+    SceneObject,
+    SensorInfo,
+)
 from oaisys_core.types import SimulatorInfo as Info
 from oaisys_ros_bridge.conversions import image_from_msg, transform_from_msg
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
-from oaisys_ros_bridge.publishing.vision import detections_msg
+from oaisys_ros_bridge.publishing.vision import boxes_msg, detections_msg
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 LENS = PinholeIntrinsics(40, 30, 50.0, 50.0, 19.5, 14.5)
@@ -59,6 +69,52 @@ def test_an_image_without_objects_has_no_boxes() -> None:
     assert list(empty.detections) == []
     (alone,) = detections_msg(np.full((4, 4), 3, np.uint32), None, Header()).detections
     assert (alone.bbox.size_x, alone.bbox.center.position.x, list(alone.results)) == (4, 1.5, [])
+
+
+LOW_M, HIGH_M = np.array([-0.4, -0.3, 0.0]), np.array([0.8, 0.5, 0.6])
+"""A box whose centre is not the object's origin."""
+
+
+def thing(instance_id: int, position_m: Any, turn: Rotation) -> SceneObject:
+    x, y, z = np.asarray(position_m, float).tolist()
+    qx, qy, qz, qw = turn.as_quat().tolist()
+    low, high = LOW_M.tolist(), HIGH_M.tolist()
+    pose = Pose((x, y, z), (qx, qy, qz, qw))
+    nowhere = (0.0, 0.0, 0.0)
+    own_box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+    return SceneObject(
+        instance_id, "a_1", "object", "", "rock", 20, pose, 2.0, nowhere, nowhere, *own_box
+    )
+
+
+def test_boxes_in_space_project_to_where_the_objects_corners_are() -> None:
+    """Corners: here by rotation matrices in `map`, there by OpenCV from the message alone."""
+    signs = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    eye_m, look = np.array([-3.0, 1.0, 2.0]), Rotation.from_euler("yzx", [0.4, -0.3, 0.1])
+    R_map_optical = look.as_matrix() @ [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    T_map_camera = transform(R_map_optical, eye_m)
+    turns = Rotation.from_euler("zyx", [(0.3, 0.2, -0.9), (2.0, -0.4, 0.1)])
+    places_m = np.array([(3.0, -0.5, 0.2), (4.0, 0.6, -0.3)])
+    things = [thing(40 - i, places_m[i], turns[i]) for i in (0, 1)]
+    found = boxes_msg(things, T_map_camera, Header(frame_id="camera_optical_frame"))
+    assert [each.id for each in found.detections] == ["39", "40"]
+    K = np.array([[LENS.fx_px, 0, LENS.cx_px], [0, LENS.fy_px, LENS.cy_px], [0, 0, 1.0]])
+    for each, i in zip(found.detections, (1, 0), strict=True):
+        corners_m = LOW_M + signs * (HIGH_M - LOW_M)
+        in_map_m = corners_m @ turns[i].as_matrix().T + places_m[i]
+        in_camera = (in_map_m - eye_m) @ R_map_optical
+        expected_px = (in_camera / in_camera[:, 2:]) @ K.T
+        centre, size = each.bbox.center, each.bbox.size
+        q, p = centre.orientation, centre.position
+        rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_rotvec()
+        box_m = (signs - 0.5) * [size.x, size.y, size.z]
+        found_px, _ = cv2.projectPoints(box_m, rotation, np.array([p.x, p.y, p.z]), K, None)
+        np.testing.assert_allclose(found_px[:, 0], expected_px[:, :2], atol=1e-6)
+        (result,) = each.results
+        assert result.hypothesis.class_id == "20"
+        origin = result.pose.pose.position
+        expected_m = (places_m[i] - eye_m) @ R_map_optical
+        np.testing.assert_allclose([origin.x, origin.y, origin.z], expected_m, atol=1e-9)
 
 
 def rig() -> Info:

@@ -152,6 +152,8 @@ def _object(each: ObjectInstances, row: int, labels: Mapping[int, str]) -> Scene
         scale=scale,
         low_m=_triple(centre_m - half_m),
         high_m=_triple(centre_m + half_m),
+        box_low_m=_triple(scale * each.low_m),
+        box_high_m=_triple(scale * each.high_m),
     )
 
 
