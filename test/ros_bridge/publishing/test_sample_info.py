@@ -39,7 +39,8 @@ METADATA = {
 def told(faults: DepthFaults | None = None, **texts: Any) -> SampleInfo:
     """Return the message of a sample with some JSON texts, after a way over the wire."""
     how = Provenance(1, 2, "a" * 64, "analytic", "0.1.0", "standard", 4)
-    how = replace(how, **{f"{name}_json": json.dumps(value) for name, value in texts.items()})
+    jsons: dict[str, Any] = {f"{name}_json": json.dumps(value) for name, value in texts.items()}
+    how = replace(how, **jsons)
     sample = Sample(3, 4, Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), (), 75.25, how)
     message = sample_info_msg(sample, Header(frame_id="map"), faults)
     return deserialize_message(serialize_message(message), SampleInfo)
