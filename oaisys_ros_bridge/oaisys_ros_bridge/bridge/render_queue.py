@@ -315,7 +315,7 @@ class RenderQueue:
         waited_s = time.monotonic() - asked_s - publication.seconds
         self.back_pressure.expect(sample, publication.stamp)
         if publication.wants_boxes:
-            publication.publish_boxes(link.find_objects(publication.shown_objects()))
+            publication.publish_boxes(link.find_objects(publication.find_shown_objects()))
         publication.finish(sample)
         self.note(sample, publication, waited_s)
         return PublishedSample(sample, publication.stamp)

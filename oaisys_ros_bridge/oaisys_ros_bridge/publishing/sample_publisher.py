@@ -247,7 +247,7 @@ class Publication:
         """Whether somebody subscribes to the boxes in space of objects in one of the images."""
         return bool(self._images_of_boxes())
 
-    def shown_objects(self) -> list[int]:
+    def find_shown_objects(self) -> list[int]:
         """Return the ids of the objects in these images."""
         ids = {
             each for _, frame in self._images_of_boxes() for each in np.unique(frame.data).tolist()
