@@ -73,6 +73,11 @@ class PlacedCamera(ShortRepr):
     pose_at: PoseAtTime | None = None
 
     @property
+    def is_sharp(self) -> bool:
+        """Whether there is neither depth of field nor motion blur."""
+        return self.lens is None and not (self.shutter_share or self.exposure_s)
+
+    @property
     def depends_on_past(self) -> bool:
         """Whether the images depend on the camera's pose at the previous sample."""
         is_blurred = (self.shutter_share or self.exposure_s) and RGB in self.modalities

@@ -164,6 +164,15 @@ class TerrainMaterial:
         return weights if self.land is None else self.land.blend(xy, weights)
 
     @cached_property
+    def patch_m(self) -> float:
+        """Mean length of a line within one layer, the heaviest there; infinite for one layer."""
+        heaviest = np.argmax(self.masks, axis=0)
+        changes = sum(np.count_nonzero(np.diff(heaviest, axis=axis)) for axis in (0, 1))
+        x0, y0, x1, y1 = self.extent_m
+        lines_m = len(heaviest) * ((x1 - x0) + (y1 - y0))
+        return lines_m / changes if changes else float("inf")
+
+    @cached_property
     def _flat_masks(self) -> NDArray[np.float32]:
         return np.ascontiguousarray(self.masks).reshape(len(self.masks), -1)
 

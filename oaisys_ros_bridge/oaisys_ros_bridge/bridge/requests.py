@@ -18,6 +18,8 @@ from oaisys_core.errors import (
     CancelledError,
     InvalidInputError,
     OaisysError,
+    RenderError,
+    WorkerLostError,
     one_of,
     one_of_keys,
 )
@@ -32,6 +34,10 @@ MAX_POSES = 100_000
 """Of a sweep or a trajectory: some days of rendering."""
 
 MODULES = ("sensor", "environment", "asset", "render", "custom")
+MAX_LOST_WORKERS = 2
+"""Workers that may end with a sample of the same metadata before this is dropped: the first may
+have been killed by somebody else."""
+
 _VIEW_FIELDS = ("modalities", "sensors")
 """Fields of a request beside its metadata that the simulator may refuse."""
 
@@ -281,6 +287,7 @@ class PendingMetadata:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._metadata: ModuleMetadata | None = None
+        self._lost_workers = 0
 
     def add(self, metadata: ModuleMetadata) -> None:
         """Merge metadata into what is pending; newer values win."""
@@ -299,23 +306,39 @@ class PendingMetadata:
     def clear(self) -> None:
         """Drop all pending metadata."""
         with self._lock:
-            self._metadata = None
+            self._metadata, self._lost_workers = None, 0
 
     @contextmanager
     def lend(self) -> Iterator[ModuleMetadata | None]:
         """Lend the pending metadata to a sample; it is pending again if the sample fails.
 
-        Metadata that the simulator refuses is dropped: it would make every later sample fail.
+        Metadata that the simulator refuses, or with which it cannot render, is dropped: it would
+        make every later sample fail. Of the latter, the error says so.
         """
         with self._lock:
             metadata, self._metadata = self._metadata, None
         try:
             yield metadata
         except OaisysError as error:
-            if metadata is not None and not _is_refusal(error):
-                with self._lock:
-                    self._metadata = metadata.with_update(self._metadata or ModuleMetadata())
+            if metadata is None or _is_refusal(error):
+                raise
+            if isinstance(error, RenderError | WorkerLostError) and self._is_to_blame(error):
+                modules = ", ".join(name for name in MODULES if getattr(metadata, name))
+                told = f"the metadata of {modules} that waited for this sample was dropped"
+                raise type(error)(f"{error}; {told}") from error
+            with self._lock:
+                self._metadata = metadata.with_update(self._metadata or ModuleMetadata())
             raise
+        self._lost_workers = 0
+
+    def _is_to_blame(self, error: RenderError | WorkerLostError) -> bool:
+        """Return whether the metadata may be what a sample failed by, and forget its failures."""
+        with self._lock:
+            self._lost_workers += isinstance(error, WorkerLostError)
+            if isinstance(error, WorkerLostError) and self._lost_workers < MAX_LOST_WORKERS:
+                return False
+            self._lost_workers = 0
+        return True
 
 
 def _is_refusal(error: OaisysError) -> bool:

@@ -266,7 +266,8 @@ _REQUESTS = (
         InterfaceKind.SERVICE,
         "~/set_metadata",
         "oaisys_msgs/srv/SetMetadata",
-        "Set light, objects, lenses, quality from the next sample on.",
+        "Set light, objects, lenses, quality from the next sample on. What it refuses, or cannot "
+        "be rendered with, is dropped, and the answer says so.",
     ),
     Interface(
         InterfaceKind.SERVICE,

@@ -12,9 +12,20 @@ from ros_peer import NodeProcess, Stage, User, stamped
 from served_simulator import FLAT_WORLD
 from waiting import PATIENCE_S
 
+from oaisys_core.errors import (
+    CancelledError,
+    DeadlineExceededError,
+    InvalidInputError,
+    OaisysError,
+    QueueFullError,
+    RenderError,
+    WorkerLostError,
+)
 from oaisys_core.geometry import pose_looking_down
+from oaisys_core.types import ModuleMetadata
 from oaisys_msgs.action import Sweep
-from oaisys_msgs.srv import SetPose, StepBatch
+from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
+from oaisys_ros_bridge.bridge.requests import PendingMetadata
 from oaisys_ros_bridge.qos import NEWEST_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
@@ -62,6 +73,52 @@ def test_a_view_that_fails_says_why_to_whoever_asked(stage: Stage) -> None:
     assert SENTENCE in value_of(last_status(user), "last_failure")
     assert f"set_pose failed: {SENTENCE}" in bridge.log.read_text()
     assert "refused" not in bridge.log.read_text()  # nothing is wrong with the requests
+
+
+def test_metadata_with_which_no_sample_can_be_rendered_is_dropped_in_words(stage: Stage) -> None:
+    user, pose = stage.user, stamped(pose_looking_down(0.0, 0.0, 5.0))
+    start(stage, f"late-fail:{SENTENCE}@1")
+    user.wait_until_ready()
+    noon = SetMetadata.Request(module="environment", metadata_json='{"sun_elevation_deg": 60.0}')
+
+    # After depth and labels were published.
+    assert user.call(SetMetadata, "set_metadata", noon).success
+    message = user.call(SetPose, "set_pose", SetPose.Request(pose=pose)).message
+    assert SENTENCE in message
+    assert "metadata of environment that waited for this sample was dropped" in message
+    answer = user.call(SetPose, "set_pose", SetPose.Request(pose=pose))
+    assert (answer.success, answer.message.count("dropped")) == (True, 0)
+
+
+def test_metadata_is_lent_again_only_as_long_as_it_may_be_blameless() -> None:
+    pending, dusk = PendingMetadata(), ModuleMetadata(environment={"sun_elevation_deg": 1.0})
+
+    def fail(error: OaisysError) -> str:
+        with pytest.raises(type(error)) as raised:
+            lend(dusk, error)
+        return str(raised.value)
+
+    def lend(expected: ModuleMetadata, error: OaisysError) -> None:
+        with pending.lend() as lent:
+            assert lent is not None
+            assert lent.environment == expected.environment
+            raise error
+
+    def is_pending() -> bool:
+        with pending.lend() as lent:
+            return lent is not None
+
+    pending.add(dusk)
+    for harmless in (CancelledError("c"), QueueFullError("q"), DeadlineExceededError("d")):
+        assert fail(harmless) == str(harmless)
+    assert fail(InvalidInputError("sensor.pose", 1, "another pose")).endswith("another pose")
+    assert fail(WorkerLostError("killed")) == "killed"
+    assert fail(WorkerLostError("killed")).startswith("killed; the metadata of environment")
+    assert not is_pending()
+
+    pending.add(dusk)
+    assert "was dropped" in fail(RenderError("black"))
+    assert not is_pending()
 
 
 def test_a_first_batch_that_cannot_be_built_says_why_and_is_not_tried_all_the_time(

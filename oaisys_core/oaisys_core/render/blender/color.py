@@ -6,6 +6,7 @@ import time
 from collections.abc import Collection
 from concurrent.futures import Future
 from dataclasses import replace
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -127,7 +128,10 @@ class ColorRenderer:
         albedo = ground.result() if ground is not None and rendered is pinhole else None
         is_balanced = settings.white_balance == "illuminant"
         gains = white_gains(scene.sky, scene.lamps) if is_balanced else None
-        picture = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo, gains)
+        patch_m = scene.material.patch_m if camera.is_sharp else inf
+        picture = self._cycles.denoise_and_tonemap(
+            light, settings, denoising, albedo, gains, patch_m
+        )
         self._learn(rendered, light, started_s, denoising, geometry)
         images: dict[str, NDArray[np.generic]] = {}
         if RGB in modalities:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import Any
 
 import bpy
@@ -119,6 +120,7 @@ class Cycles:
         denoising: DenoisingQuality,
         ground: PixelAlbedo | None = None,
         gains: Color | None = None,
+        patch_m: float = inf,
     ) -> ExposedImage:
         """Return the picture of what `render_radiance` gave with the same settings.
 
@@ -128,11 +130,12 @@ class Cycles:
             denoising: See `Denoiser.denoise`.
             ground: Albedo without noise, where it is known.
             gains: Factors on red, green and blue for the white balance.
+            patch_m: Width of the ground's patches, see `shared_albedo`.
 
         Raises:
             RenderError: The passes are missing, or denoising failed.
         """
-        radiance = denoise_image(rendered, settings, self._denoiser(), denoising, ground)
+        radiance = denoise_image(rendered, settings, self._denoiser(), denoising, ground, patch_m)
         shown = radiance if gains is None else radiance[..., :3] * np.array(gains, np.float32)
         is_surface = pass_of(rendered, DEPTH)[..., 0] < BACKGROUND_M
         picture = picture_of(shown, is_surface, settings)._replace(radiance=radiance[..., :3])

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
+from math import inf, isfinite
 
 import cv2
 import numpy as np
@@ -32,7 +33,8 @@ from oaisys_core.private.open_image_denoise import (
 )
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATERIAL_INDEX
 from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
-from oaisys_core.render.blender.materials.surfaces import BY_CHANCE
+from oaisys_core.render.blender.materials.narrow_patches import MOST_SAMPLES, shared_albedo
+from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.sensing.render_settings import RenderSettings
 
@@ -132,6 +134,7 @@ def denoise_image(
     denoiser: Denoiser | None,
     denoising: DenoisingQuality,
     ground: PixelAlbedo | None = None,
+    patch_m: float = inf,
 ) -> Image:
     """Return the (H, W, 3 or 4) radiance of a render, denoised if the settings say so.
 
@@ -141,6 +144,7 @@ def denoise_image(
         denoiser: None if Cycles has denoised it.
         denoising: See `Denoiser.denoise`.
         ground: Albedo without noise, where it is known; the samples' own is used elsewhere.
+        patch_m: Width of the ground's patches; infinite if neighbours shall not share albedo.
     """
     radiance = pass_of(rendered, COMBINED)
     if not settings.denoise:
@@ -154,8 +158,23 @@ def denoise_image(
             is_clean = _is_confirmed(ground, seen)[..., None]
             divisor = np.where(is_clean, seen + MIN_ALBEDO, divisor)
             albedo = np.where(is_clean, ground.linear + MIN_ALBEDO, albedo)
+        samples = rendered.samples_per_pixel(settings)
+        if isfinite(patch_m) and samples <= MOST_SAMPLES:
+            shared, share = _shared(rendered, seen, patch_m, samples)
+            divisor = divisor + share * (seen + MIN_ALBEDO - divisor)
+            albedo = albedo + share * (shared + MIN_ALBEDO - albedo)
         radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
     return filter_denoised(radiance, rendered.samples_per_pixel(settings), settings.clutter)
+
+
+def _shared(
+    rendered: RenderResult, seen: Image, patch_m: float, samples: int
+) -> tuple[Image, Image]:
+    """Return `shared_albedo` of ground that is no mirror."""
+    is_ground = pass_of(rendered, MATERIAL_INDEX)[..., 0] == GROUND
+    is_dull = _sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) <= 3 * MIRROR_SHARE
+    depth_m = pass_of(rendered, DEPTH)[..., 0]
+    return shared_albedo(seen, depth_m, is_ground & is_dull, patch_m, samples)
 
 
 def _guides(

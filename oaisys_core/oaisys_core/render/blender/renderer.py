@@ -258,7 +258,7 @@ class BlenderBackend(Backend):
         surface = self._require_built()
         # For albedo alone, too, so that it does not depend on what is rendered beside it.
         chosen = adapt(surface, camera, settings)
-        is_clear = _is_sharp(camera) and surface.scene.sky.haze is None
+        is_clear = camera.is_sharp and surface.scene.sky.haze is None
         if is_clear and settings.time_budget_s is None:
             return [(camera, lit + albedo, chosen)]
         return [(camera, each, chosen) for each in (lit, albedo) if each]
@@ -290,7 +290,7 @@ class BlenderBackend(Backend):
         is_direct = camera.intrinsics.is_rectilinear
         least, most = NOISY_SAMPLES
         is_noisy = settings.denoise and least <= settings.samples <= most
-        return _is_sharp(camera) and is_direct and is_noisy and self.device == "cpu"
+        return camera.is_sharp and is_direct and is_noisy and self.device == "cpu"
 
     def _ground_albedo(self, camera: PlacedCamera, views: dict[str, View]) -> PixelAlbedo | None:
         """Return the ground's albedo without noise; nothing of Blender's is touched."""
@@ -317,8 +317,3 @@ class BlenderBackend(Backend):
         if self._surface is None:
             raise NotReadyError("Blender has no scene: build one first")
         return self._surface
-
-
-def _is_sharp(camera: PlacedCamera) -> bool:
-    """Return whether a camera has neither depth of field nor motion blur."""
-    return camera.lens is None and not (camera.shutter_share or camera.exposure_s)

@@ -34,6 +34,7 @@ from oaisys_core.render.blender.materials.layer_weights import (
 )
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket, in_group
 from oaisys_core.render.blender.materials.surfaces import (
+    GROUND,
     new_material,
     show,
     without_detail,
@@ -100,6 +101,7 @@ class GroundMaterials:
 
     def _make(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
         result = new_material(name)
+        result.pass_index = GROUND
         tree = NodeTree(node_tree_of(result))
         weights = None
         if len(self._material.layers) > 1:

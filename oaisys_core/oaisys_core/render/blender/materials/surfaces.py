@@ -35,6 +35,9 @@ PAINT = "paint"
 BY_CHANCE = 1
 """Index of materials whose samples are reflected or let through by chance, see `postprocessing`."""
 
+GROUND = 2
+"""Index of the ground's materials."""
+
 
 def rock_material(maps: PbrMaps, images: ImageStore, dust_m: float) -> Any:
     """Return a material that projects a texture from three sides (box projection).
