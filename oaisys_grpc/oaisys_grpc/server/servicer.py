@@ -12,7 +12,7 @@ from typing import Any
 import grpc
 from google.protobuf.message import Message
 
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
 from oaisys_grpc.contract.arrays import array_chunks
 from oaisys_grpc.contract.drive_messages import poses_from_proto
@@ -109,12 +109,12 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         estimate_key = ("batch", request.reuse_stage)
         timeout_s = operation_timeout_s(request)
         job = step_job(Kind.BATCH, request, request, timeout_s, estimate_key, context)
-        return pb.StepBatchResponse(operation=self._status(self._operations.submit(job)))
+        return pb.StepBatchResponse(operation=self._status(self._enqueue(job, context)))
 
     def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
         job = sample_job(request, operation_timeout_s(request), context)
-        return pb.StepSampleResponse(operation=self._status(self._operations.submit(job)))
+        return pb.StepSampleResponse(operation=self._status(self._enqueue(job, context)))
 
     def GetOperation(self, request: pb.GetOperationRequest, _: Context) -> pb.GetOperationResponse:
         """Answer at once."""
@@ -218,6 +218,22 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         """Answer, and end the server."""
         self._on_end()
         return pb.EndSimulationResponse()
+
+    def _enqueue(self, job: Job, context: Context) -> Operation:
+        """Enqueue a job that its caller will ask for by name, unless the call is over by then.
+
+        Nobody would know the name of such an operation, which others would wait for: of many calls
+        at once, the server learns of some only after they were cancelled.
+
+        Raises:
+            CancelledError: The call is over.
+        """
+        if not context.is_active():
+            raise CancelledError("the caller dropped the call")
+        operation = self._operations.submit(job)
+        if not context.is_active():
+            operation.stop(CancelledError("the caller dropped the call"))
+        return operation
 
     def _render(
         self, operation: Operation, transfer: Transfer, gone: threading.Event

@@ -84,10 +84,10 @@ def albedos(
     given: list[Any] = []
 
     def kept(
-        cycles: Cycles, rendered: Any, wanted: Any, denoising: Any, ground: Any, gains: Any
+        cycles: Cycles, rendered: Any, wanted: Any, denoising: Any, ground: Any, *more: Any
     ) -> Any:
         given.append((rendered.passes[postprocessing.SEEN_ALBEDO], ground))
-        return tone_map(cycles, rendered, wanted, denoising, ground, gains)
+        return tone_map(cycles, rendered, wanted, denoising, ground, *more)
 
     with mock.patch.object(Cycles, "denoise_and_tonemap", kept):
         for scene, camera in cases:

@@ -8,8 +8,9 @@ import grpc
 import pytest
 from attacks import code_and_details, own_channel
 from served_simulator import FLAT_WORLD, Server, code_of
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, wait_until
 
+from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import (
     CancelledError,
     DeadlineExceededError,
@@ -26,8 +27,11 @@ from oaisys_grpc.contract.operation import OperationStatus, State
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.job import MAX_SAMPLES
-from oaisys_grpc.server.jobs.queue import QUEUE_BYTES, QUEUE_LIMIT
+from oaisys_grpc.server.jobs.queue import QUEUE_BYTES, QUEUE_LIMIT, OperationQueue
 from oaisys_grpc.server.limits.slots import LIMITS, SHARE_OF_CONNECTION
+from oaisys_grpc.server.options import ServerOptions
+from oaisys_grpc.server.servicer import SimulatorServicer
+from oaisys_grpc.server.supervision.supervisor import Supervisor
 
 POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
 
@@ -252,6 +256,38 @@ def test_a_dropped_call_cancels_its_render(slow_client: SimulatorClient) -> None
         slow_client.render_sample(POSES[0], on_progress=leave)
     assert slow_client.query_height([[0, 0, 3]]).clearance_m == pytest.approx([3])
     assert slow_client.info().sample_id == 0
+
+
+@pytest.mark.parametrize("method", ["StepBatch", "StepSample"])
+def test_a_call_that_is_dropped_before_its_answer_leaves_no_work(method: str) -> None:
+    options = ServerOptions(worker_log_folder=None)
+    supervisor = Supervisor(config_from_mapping(FLAT_WORLD), options, lambda _: None)
+    operations = OperationQueue(supervisor)  # whose jobs nobody runs
+    servicer = SimulatorServicer(supervisor, operations, lambda: None, shared_memory=False)
+    server = grpc.server(ThreadPoolExecutor(4))
+    simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    server.start()
+    request = getattr(pb, f"{method}Request")()
+    try:
+        with own_channel(f"127.0.0.1:{port}") as channel:
+            stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+            step = getattr(stub, method)
+            with operations._lock:  # the call is within its method
+                dropped = step.future(request)
+                at_once = channel.unary_unary("/oaisys.v1.SimulatorService/Nothing")
+                with pytest.raises(grpc.RpcError, match="UNIMPLEMENTED"):
+                    at_once(b"", timeout=PATIENCE_S)  # the server has read what came before
+                dropped.cancel()
+                with pytest.raises(grpc.RpcError, match="UNIMPLEMENTED"):
+                    at_once(b"", timeout=PATIENCE_S)
+            kept = step(request, timeout=PATIENCE_S).operation
+            first = kept.name.rpartition("-")[0] + "-1"
+            wait_until(lambda: operations.get(first).status.state is State.CANCELLED)
+    finally:
+        server.stop(None).wait()
+    assert kept.name.endswith("-2")
+    assert operations.get(kept.name).status.state is State.QUEUED
 
 
 def test_a_deadline_ends_the_call_and_the_work(
