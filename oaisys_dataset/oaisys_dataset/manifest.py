@@ -6,8 +6,9 @@ A *frame* is what one camera shows at one view of a world, in all modalities.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Self
+from dataclasses import dataclass, field, fields
+from itertools import accumulate
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 from pydantic import Field
 
@@ -190,19 +191,57 @@ class _ConfigFields:
 
 
 @dataclass(frozen=True)
+class MergedSet:
+    """A data set whose worlds are in a merged one.
+
+    Attributes:
+        place: Where it was.
+        first_world: Number that its world 0 has now; its other worlds follow.
+        config, config_sha256, seed, worlds, views, splits, software: See `DatasetInfo`.
+    """
+
+    place: Label
+    first_world: Ordinal
+    config: Annotated[Mapping[str, Any], fields_of(_ConfigFields)]
+    config_sha256: Label
+    seed: Seed
+    worlds: Count
+    views: Count
+    splits: Annotated[Mapping[SplitName, Share], Field(min_length=1)]
+    software: Mapping[Label, Label] = field(default_factory=dict)
+
+
+class DatasetPart(NamedTuple):
+    """Worlds of a data set that one command has rendered.
+
+    Attributes:
+        first_world: The number of its first world.
+        info: What it was planned as; its worlds are counted from 0.
+    """
+
+    first_world: int
+    info: DatasetInfo
+
+
+@dataclass(frozen=True)
 class DatasetInfo(Record):
     """What a data set is, written before its first world.
 
     Attributes:
-        config: The complete configuration, defaults included.
+        config: The complete configuration, defaults included; of a merged set, that of its first
+            part, see `parts`.
         config_sha256: Its hash.
         seed: Seed that all worlds are derived from.
-        worlds, views: Planned number of worlds, and of views of each.
+        worlds, views: Planned number of worlds, and of views of each; of a merged set, of all
+            worlds, and the most.
         splits: Share of the worlds by the split's name.
         software: Versions by name.
         options: What else the command was given.
         version: Version of the files.
+        merged: The sets that it was merged from, in the order of their worlds; only if it was.
     """
+
+    optional: ClassVar[frozenset[str]] = frozenset({"merged"})
 
     config: Annotated[Mapping[str, Any], fields_of(_ConfigFields)]
     config_sha256: Label
@@ -213,6 +252,18 @@ class DatasetInfo(Record):
     software: Mapping[Label, Label] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     version: Number = FORMAT_VERSION
+    merged: tuple[MergedSet, ...] = ()
+
+    @property
+    def parts(self) -> tuple[DatasetPart, ...]:
+        """What each command has rendered: the set itself, or those that it was merged from."""
+        if not self.merged:
+            return (DatasetPart(0, self),)
+        return tuple(DatasetPart(each.first_world, _info_of(each)) for each in self.merged)
+
+    def part_of(self, world: int) -> DatasetPart:
+        """Return the part that a world is in; the last one for worlds beyond all."""
+        return [each for each in self.parts if each.first_world <= world][-1]
 
     @classmethod
     def from_json(cls, text: str | bytes, name: str = "record") -> Self:
@@ -225,4 +276,14 @@ class DatasetInfo(Record):
         if info.version != FORMAT_VERSION:
             expected = f"version {FORMAT_VERSION}, which this program reads"
             raise InvalidInputError(f"{name}: version", info.version, expected)
+        firsts = [0, *accumulate(each.worlds for each in info.merged)]
+        if info.merged and [*(m.first_world for m in info.merged), info.worlds] != firsts:
+            received = [each.first_world for each in info.merged]
+            expected = f"{firsts[:-1]}, and {firsts[-1]} worlds, as many as all parts have"
+            raise InvalidInputError(f"{name}: merged: first_world", received, expected)
         return info
+
+
+def _info_of(merged: MergedSet) -> DatasetInfo:
+    names = (each.name for each in fields(MergedSet) if each.name not in ("place", "first_world"))
+    return DatasetInfo(**{name: getattr(merged, name) for name in names})

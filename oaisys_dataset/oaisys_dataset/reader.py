@@ -120,7 +120,8 @@ class Dataset(Sequence[DatasetSample]):
     def scans(self) -> ManifestLines[ScanRecord]:
         """The records of the lidar scans; empty if the rig has no lidar."""
         worlds: Iterable[int] = ()
-        if self.info.config.get("sensors", {}).get("lidars"):
+        configs = (part.info.config for part in self.info.parts)
+        if any(config.get("sensors", {}).get("lidars") for config in configs):
             names = set(self.place.names(SHARDS))
             worlds = (world for world in self.worlds if scans_name(world) in names)
         found = index_manifests(self.place, worlds, scans_name, ScanRecord.from_json)

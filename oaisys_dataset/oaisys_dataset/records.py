@@ -34,6 +34,9 @@ class Record:
     has_hash: ClassVar[bool] = False
     """Whether the text is one line that ends with its hash, see `is_intact`."""
 
+    optional: ClassVar[frozenset[str]] = frozenset()
+    """Fields with an empty default, which the text leaves out where they are empty."""
+
     def to_json(self) -> str:
         """Return the record as JSON; inverse: `from_json`."""
         data = self._data()
@@ -52,13 +55,14 @@ class Record:
         known = {each.name for each in fields(cls)}
         if isinstance(data, dict):
             data.pop(SHA256, None)
-        if not isinstance(data, dict) or set(data) != known:
+        if not isinstance(data, dict) or not known - cls.optional <= set(data) <= known:
             received = sorted(data) if isinstance(data, dict) else _shorten(text)
             raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
         return check_as(cls, data, name)
 
     def _data(self) -> dict[str, Any]:
-        return asdict(self)
+        data = asdict(self)
+        return {name: value for name, value in data.items() if value or name not in self.optional}
 
 
 @dataclass(frozen=True)

@@ -179,6 +179,9 @@ def check_same(earlier: DatasetInfo, now: DatasetInfo) -> None:
     Raises:
         InvalidInputError: They differ in more than software, or some worlds would be too many.
     """
+    if earlier.merged:
+        expected = "a data set that was not merged: continue those that it was merged from"
+        raise InvalidInputError("resume", f"{len(earlier.merged)} merged sets", expected)
     path, before, wanted = first_difference(earlier.config, now.config) or ("", None, None)
     if path:
         raise InvalidInputError(path, wanted, f"{before!r}, as the data set was begun")

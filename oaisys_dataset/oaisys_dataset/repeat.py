@@ -15,7 +15,7 @@ from oaisys_core.types import (
     modality_spec,
 )
 from oaisys_core.verification.recorded_samples import Comparison, compare, compare_scan
-from oaisys_dataset.manifest import FrameRecord
+from oaisys_dataset.manifest import DatasetInfo, FrameRecord
 from oaisys_dataset.reader import Dataset, DatasetSample
 from oaisys_dataset.scans import ScanRecord
 
@@ -29,16 +29,29 @@ def repeat_records(
         InvalidInputError: There is no such frame or scan, or the configuration in the data set is
             not that of the frame.
     """
-    records = [_record(dataset, each) for each in ids]
-    config = config_from_mapping(dataset.info.config)
+    records = [(each, _record(dataset, each)) for each in ids]
+    for part in dataset.info.parts:
+        of_part = [each for each in records if dataset.info.part_of(each[1].world) == part]
+        if of_part:
+            yield from _repeat_part(dataset, part.info, of_part, least_psnr_db)
+
+
+def _repeat_part(
+    dataset: Dataset,
+    info: DatasetInfo,
+    records: Sequence[tuple[str, FrameRecord | ScanRecord]],
+    least_psnr_db: float,
+) -> Iterator[tuple[str, list[Comparison]]]:
+    """Render records that have one configuration again, see `repeat_records`."""
+    config = config_from_mapping(info.config)
     found = config_sha256(config)
-    for record in records:
+    for _, record in records:
         if record.config_sha256 != found:
             expected = f"{found}, that of the configuration in the data set"
             raise InvalidInputError("config_sha256", record.config_sha256, expected)
     simulation = Simulation(config)
     try:
-        for each, record in zip(ids, records, strict=True):
+        for each, record in records:
             again = simulation.repeat(record.outline())
             if isinstance(record, ScanRecord):
                 yield each, [compare_scan(dataset.scan(record), again.scan(record.sensor))]

@@ -353,7 +353,100 @@ def append_zeros_to_tar(folder: Path) -> None:
         file.write(bytes(50_000))
 
 
+def change_head(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
+    change(head)
+    (folder / HEAD).write_text(json.dumps(head), encoding="utf-8")
+
+
+def change_seed(folder: Path) -> None:
+    change_head(folder, lambda head: head.update(seed=head["seed"] + 1))
+
+
+def drop_default(folder: Path) -> None:
+    """Leave a default out, which gives the same hash but is another configuration to read."""
+    change_head(folder, lambda head: head["config"]["sensors"].pop("lidars"))
+
+
+def lower_views(folder: Path) -> None:
+    change_head(folder, lambda head: head.update(views=VIEWS - 1))
+
+
+def raise_shares(folder: Path) -> None:
+    change_head(folder, lambda head: head["splits"].update(train=0.9))
+
+
+def drop_modality(folder: Path) -> None:
+    """Write a world without normals: all that is there fits."""
+
+    def change(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        return record, {name: data for name, data in arrays.items() if name != "normal"}
+
+    rewritten(folder, 1, change)
+
+
+def add_modality(folder: Path) -> None:
+    def change(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        return record, {**arrays, "semantic_1": arrays["semantic_0"]}
+
+    rewritten(folder, 1, change)
+
+
+def rename_sensor(folder: Path) -> None:
+    def change(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        name = record.frame_id.replace("camera", "eye")
+        return replace(record, frame_id=name, sensor="eye"), arrays
+
+    rewritten(folder, 1, change)
+
+
+def break_failure(folder: Path) -> None:
+    drop_world(folder)
+    (folder / tar_name(1)).unlink()
+    (folder / "failed").mkdir()
+    (folder / "failed/world_000001.json").write_text('{"world": 1', encoding="utf-8")
+
+
+def fail_another_world(folder: Path) -> None:
+    write_failure(open_place(folder), WorldFailure(1, "train", 1001, "no free view"))
+    failed = folder / "failed"
+    (failed / "world_000001.json").rename(failed / "world_000002.json")
+    for name in (manifest_name(2), tar_name(2)):
+        (folder / name).unlink()
+
+
+def fail_a_finished_world(folder: Path) -> None:
+    write_failure(open_place(folder), WorldFailure(1, "train", 1001, "no free view"))
+
+
+def fail_in_an_unknown_split(folder: Path) -> None:
+    drop_world(folder)
+    (folder / tar_name(1)).unlink()
+    write_failure(open_place(folder), WorldFailure(1, "night", 1001, "no free view"))
+
+
+def invent_draws(folder: Path) -> None:
+    """Say that a value was drawn which the configuration gives."""
+
+    def change(record: FrameRecord, arrays: dict[str, Any]) -> Any:
+        return replace(record, metadata={"drawn": {"stage.preset": "canyon"}}), arrays
+
+    rewritten(folder, 0, change)
+
+
 DAMAGE = [
+    (change_seed, {"head"}),
+    (drop_default, {"head"}),
+    (lower_views, {"manifest"}),
+    (raise_shares, {"head"}),
+    (drop_modality, {"missing"}),
+    (add_modality, {"missing"}),
+    (rename_sensor, {"manifest", "missing"}),
+    (break_failure, {"manifest"}),
+    (fail_another_world, {"manifest"}),
+    (fail_a_finished_world, {"head"}),
+    (fail_in_an_unknown_split, {"split"}),
+    (invent_draws, {"camera"}),
     (negate_normals, {"surface"}),
     (turn_normals_into_map, {"surface"}),
     (shorten_normals, {"surface"}),

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import os
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.config import config_from_mapping, config_sha256
-from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.errors import OaisysError
 from oaisys_core.verification.audit import sum_results
-from oaisys_dataset.check.manifests import DueViews, due_views
+from oaisys_dataset.check.head import PlannedPart, part_plans, world_faults, world_plans
 from oaisys_dataset.check.report import MAX_FINDINGS, CheckReport, Finding, ShardResult
 from oaisys_dataset.check.shard import check_shard
 from oaisys_dataset.check.truth import TruthCheck, TruthResult
 from oaisys_dataset.manifest import DatasetInfo
 from oaisys_dataset.places import StoragePlace, open_place
-from oaisys_dataset.plan import world_tasks
+from oaisys_dataset.plan import WorldTask
 from oaisys_dataset.reader import Dataset, open_dataset
 from oaisys_dataset.shards import (
     HEAD,
-    SHARDS,
     manifest_name,
     read_head,
-    tar_name,
     whole_worlds,
     world_failures,
 )
@@ -54,10 +53,10 @@ def check_dataset(
     worlds = whole_worlds(place)
     rng = np.random.default_rng(seed)
     summary = _Summary(place, info)
-    due = summary.check_head()
+    part_of = summary.check_head()
     total = len(worlds) + min(worlds_rebuilt, len(worlds))
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        shards = threads.map(lambda world: check_shard(place, info, due, world), worlds)
+        shards = threads.map(lambda world: check_shard(place, part_of(world), world), worlds)
         for done, shard in enumerate(shards, start=1):
             summary.add(shard)
             on_world(done, total)
@@ -76,45 +75,28 @@ class _Summary:
         self._findings_total = 0
         self._counts: Counter[str] = Counter()
         self._splits: dict[int, str] = {}
-        tasks = world_tasks(info.seed, info.worlds, info.views, info.splits)
-        self._planned = {task.index: task for task in tasks}
-        self._world_of_seed: dict[int, int] = {}
+        self._planned: dict[int, WorldTask] = {}
+        self._part_of: Callable[[int], PlannedPart]
+        self._world_of_seed: dict[tuple[str, int], int] = {}
         self._frame_of_print: dict[bytes, str] = {}
         self._rebuilt: list[int] = []
         self._truth = TruthResult()
         self._notes: list[str] = []
         self.sound_worlds: list[int] = []
 
-    def check_head(self) -> DueViews:
+    def check_head(self) -> Callable[[int], PlannedPart]:
         """Check the head, and that each planned world is finished or has failed.
 
         Returns:
-            The views at which sensors are due; none if the configuration cannot be used.
+            The part of the data set that a world is in.
         """
-        due = DueViews({}, {})
-        try:
-            sha256 = config_sha256(config_from_mapping(self._info.config))
-            due = due_views(self._info)
-        except ConfigError as error:
-            self._note_found([Finding("head", HEAD, str(error))])
-        else:
-            if sha256 != self._info.config_sha256:
-                text = f"its configuration has the hash {sha256}, recorded is another one"
-                self._note_found([Finding("head", HEAD, text)])
-        finished, failed = whole_worlds(self._place), world_failures(self._place)
-        missing = sorted(set(range(self._info.worlds)) - {*finished, *failed})
-        if missing:
-            shown = ", ".join(map(str, missing[:5]))
-            text = f"{len(missing)} of {self._info.worlds} worlds are not finished: {shown}"
-            self._note_found([Finding("missing", HEAD, text)])
-        unexpected = [world for world in finished if world >= self._info.worlds]
-        whole = {tar_name(world) for world in finished}
-        tars = [name for name in self._place.names(SHARDS) if name.endswith(".tar")]
-        self._note_found(
-            Finding("head", tar_name(w), "the data set has fewer worlds") for w in unexpected
-        )
-        self._note_found(Finding("shard", t, "it has no manifest") for t in tars if t not in whole)
-        return due
+        parts, findings = part_plans(self._info)
+        self._note_found(findings)
+        self._planned = world_plans(parts)
+        self._note_found(world_faults(self._place, self._info))
+        firsts = [part.first_world for part in parts]
+        self._part_of = lambda world: parts[bisect_right(firsts, world) - 1]
+        return self._part_of
 
     def add(self, shard: ShardResult) -> None:
         """Add the result of a world."""
@@ -158,17 +140,27 @@ class _Summary:
             return
         try:
             dataset = open_dataset(where)
-            truth = TruthCheck(self._info, rng)
         except OaisysError as error:
-            self._note_found([Finding("head", HEAD, f"its worlds cannot be made again: {error}")])
+            self._note_cannot_rebuild(error)
             return
-        try:
-            for done, world in enumerate(worlds, start=1):
-                self._compare(truth, dataset, world)
-                on_world(done)
-        finally:
-            truth.close()
-        self._notes += truth.notes
+        done = 0
+        for part, of_part in groupby(worlds, key=self._part_of):
+            try:
+                truth = TruthCheck(part.info, rng)
+            except OaisysError as error:
+                self._note_cannot_rebuild(error)
+                continue
+            try:
+                for world in of_part:
+                    self._compare(truth, dataset, world)
+                    done += 1
+                    on_world(done)
+            finally:
+                truth.close()
+            self._notes += [note for note in truth.notes if note not in self._notes]
+
+    def _note_cannot_rebuild(self, error: OaisysError) -> None:
+        self._note_found([Finding("head", HEAD, f"its worlds cannot be made again: {error}")])
 
     def report(self) -> CheckReport:
         """Return the report."""
@@ -204,7 +196,8 @@ class _Summary:
         self._truth.audited += found.audited
 
     def _check_seed(self, seed: int, world: int) -> None:
-        first = self._world_of_seed.setdefault(seed, world)
+        key = self._part_of(world).drawn_from, seed
+        first = self._world_of_seed.setdefault(key, world)
         if first != world:
             splits = f"{self._splits.get(first)} and {self._splits.get(world)}"
             text = f"it is the same world as {first}: both have the seed {seed} ({splits})"

@@ -21,14 +21,20 @@ from oaisys_dataset.manifest_lines import RecordT
 from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.records import SensorRecord, frame_id, is_intact
 from oaisys_dataset.scans import ScanRecord
-from oaisys_dataset.shards import manifest_name, scans_name
+from oaisys_dataset.shards import HEAD, manifest_name, scans_name
 
 
 class DueViews(NamedTuple):
-    """The views at which each sensor of the rig must have measured, by its name."""
+    """The views at which each sensor of the rig must have measured, by its name.
+
+    Attributes:
+        cameras, lidars: The views of each.
+        modalities: What each camera must have rendered at each of its views.
+    """
 
     cameras: Mapping[str, Sequence[int]]
     lidars: Mapping[str, Sequence[int]]
+    modalities: Mapping[str, Mapping[int, frozenset[str]]]
 
 
 def due_views(info: DatasetInfo) -> DueViews:
@@ -39,22 +45,31 @@ def due_views(info: DatasetInfo) -> DueViews:
     """
     config = config_from_mapping(info.config)
     sensors, renders = config.sensors, config.render.renders
+    modalities = {
+        camera.name: _modalities_of(camera, filter(renders, camera.modalities), info.views)
+        for camera in sensors.all_cameras
+    }
     return DueViews(
-        {
-            camera.name: _views_of(camera, filter(renders, camera.modalities), info.views)
-            for camera in sensors.all_cameras
-        },
-        {lidar.name: _views_of(lidar, (POINTS,), info.views) for lidar in sensors.lidars},
+        {name: list(views) for name, views in modalities.items()},
+        {lidar.name: list(_due(lidar, info.views)) for lidar in sensors.lidars},
+        modalities,
     )
 
 
-def _views_of(
-    sensor: CameraConfig | LidarConfig, modalities: Iterable[str], views: int
-) -> list[int]:
-    due = range(sensor.step_offset, views, sensor.step_interval)
-    intervals = sensor.modality_intervals if isinstance(sensor, CameraConfig) else {}
-    every = [intervals.get(modality, 1) for modality in modalities]
-    return [view for turn, view in enumerate(due) if any(turn % each == 0 for each in every)]
+def _due(sensor: CameraConfig | LidarConfig, views: int) -> range:
+    return range(sensor.step_offset, views, sensor.step_interval)
+
+
+def _modalities_of(
+    camera: CameraConfig, modalities: Iterable[str], views: int
+) -> dict[int, frozenset[str]]:
+    """Return what a camera renders at each view at which it renders anything."""
+    names, every = list(modalities), camera.modality_intervals
+    turns = {
+        view: frozenset(name for name in names if turn % every.get(name, 1) == 0)
+        for turn, view in enumerate(_due(camera, views))
+    }
+    return {view: due for view, due in turns.items() if due}
 
 
 def check_manifests(
@@ -77,6 +92,7 @@ def check_manifests(
     _check_world([*frames, *scans], result)
     if frames:
         _check_views(frames, due.cameras, name, result)
+        _check_modalities(frames, due, result)
     _check_views(scans, due.lidars, of_scans, result)
     return frames, scans
 
@@ -185,3 +201,16 @@ def _check_views(
             shown = ", ".join(map(str, missing[:5]))
             text = f"{len(missing)} of {len(views)} views of {sensor}: {shown}"
             result.note("missing", name, text)
+    for record in records if due else ():
+        if record.view not in due.get(record.sensor, ()):
+            text = f"nothing is due of {record.sensor!r} at view {record.view}, as {HEAD} says"
+            result.note("manifest", record.id, text)
+
+
+def _check_modalities(frames: Sequence[FrameRecord], due: DueViews, result: ShardResult) -> None:
+    """Check that each frame has the images that its camera renders at its view."""
+    for frame in frames:
+        expected = due.modalities.get(frame.sensor, {}).get(frame.view)
+        if expected is not None and frame.images.keys() != expected:
+            text = f"{', '.join(sorted(frame.images))}; expected {', '.join(sorted(expected))}"
+            result.note("missing", f"{frame.frame_id}: modalities", text)

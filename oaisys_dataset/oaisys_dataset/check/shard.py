@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import DISTANCES, INSTANCE, POINTS, SEMANTIC_0, semantic_level
-from oaisys_dataset.check.manifests import DueViews, check_manifests
+from oaisys_dataset.check.head import PlannedPart
+from oaisys_dataset.check.manifests import check_manifests
 from oaisys_dataset.check.object_rows import ObjectRowsCheck
 from oaisys_dataset.check.report import ShardResult
-from oaisys_dataset.manifest import DatasetInfo, FrameRecord, ImageRecord, WorldLegend
+from oaisys_dataset.manifest import FrameRecord, ImageRecord, WorldLegend
 from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.records import is_intact
 from oaisys_dataset.scans import PointsRecord, ScanRecord, read_scan
@@ -35,10 +36,10 @@ COPIED_BYTES = 1 << 26
 """Bytes of a remote file that are copied at once."""
 
 
-def check_shard(place: StoragePlace, info: DatasetInfo, due: DueViews, world: int) -> ShardResult:
+def check_shard(place: StoragePlace, part: PlannedPart, world: int) -> ShardResult:
     """Check the manifest of a world, its tar file and every image in it."""
     result = ShardResult(world)
-    records, scans = check_manifests(place, info, due, result)
+    records, scans = check_manifests(place, part.info, part.due, result)
     name = tar_name(world)
     try:
         with _map(place, name) as data:

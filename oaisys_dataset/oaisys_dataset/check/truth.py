@@ -37,6 +37,7 @@ from oaisys_dataset.check.report import Finding
 from oaisys_dataset.check.scan_truth import ScanCheck
 from oaisys_dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_dataset.check.view_truth import (
+    draw_faults,
     legend_faults,
     light_faults,
     normal_faults,
@@ -151,6 +152,7 @@ class TruthCheck:
         for record in records:
             result.findings += light_faults(record, (sky.sun_elevation_rad, sky.sun_azimuth_rad))
             result.findings += time_faults(record, s_per_view)
+            result.findings += draw_faults(record, self._simulation.draws)
 
     def _rebuilt(self, record: FrameRecord) -> TriangleMesh:
         """Make the world of a frame again, as it was at that view, and return its surface."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from math import degrees, isclose
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import DEPTH, NORMAL, SceneObject
+from oaisys_core.world.batch import DRAWN
 from oaisys_dataset.check.report import Finding
 from oaisys_dataset.manifest import FrameRecord, WorldLegend
 from oaisys_dataset.reader import DatasetSample
@@ -54,6 +56,16 @@ def normal_faults(sample: DatasetSample) -> Iterator[Finding]:
     if len(off_deg) >= MIN_JUDGED and np.median(off_deg) > NEIGHBOURS_DEG:
         text = f"they are {np.median(off_deg):.0f}° off the surface that its depth shows"
         yield Finding("surface", name, text)
+
+
+def draw_faults(record: FrameRecord, draws: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield how what a record says of its world's drawn values differs from those values."""
+    received = record.metadata.get(DRAWN, {})
+    # The values of the world as they are after JSON, which knows no tuples.
+    expected = json.loads(json.dumps(dict(draws)))
+    if received != expected:
+        text = f"metadata.{DRAWN} is {received}, expected {expected}"
+        yield Finding("camera", record.frame_id, text)
 
 
 def _off_planes_deg(normals: NDArray[Any], points_m: NDArray[Any]) -> NDArray[np.float64]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import shutil
-import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from oaisys_core.errors import ConfigError, InvalidInputError, RenderError, one_of
-from oaisys_core.files.folders import make_folder
-from oaisys_core.system.leftovers import remove_when_killed, temporary_folder
+from oaisys_core.files.whole_folder import whole_folder
+from oaisys_core.system.leftovers import temporary_folder
 from oaisys_dataset.card.description import README, description_files
 from oaisys_dataset.formats.base import (
     FRAMES_WITHOUT,
@@ -81,16 +80,8 @@ def _write_folder(place: StoragePlace) -> Iterator[Path]:
             yield folder
             _upload(folder, place)
         return
-    # A name that nobody can foresee: the folder may be in a data set of somebody else.
-    part = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
-    make_folder(target.parent)
-    with remove_when_killed(part):
-        try:
-            make_folder(part)
-            yield part
-            part.replace(target)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
+    with whole_folder(target) as part:
+        yield part
 
 
 def _upload(folder: Path, place: StoragePlace) -> None:

@@ -19,7 +19,7 @@ from oaisys_dataset.formats.base import (
 )
 
 if TYPE_CHECKING:
-    from oaisys_dataset.manifest import FrameRecord
+    from oaisys_dataset.manifest import DatasetPart, FrameRecord
     from oaisys_dataset.reader import Dataset
     from oaisys_dataset.scans import ScanRecord
 
@@ -38,7 +38,8 @@ The layout of `oaisys render`. World 12 is `batch_0013`, its view 0 is sample 1.
 | `batch_0013/meta_data/sensor_data/CAMERA.csv` | the camera's pose at each sample |
 | `batch_0013/meta_data/sample_data/0001.json` | provenance, cameras and poses of a sample |
 
-`frames.csv` says which world belongs to which split.""",
+`frames.csv` says which world belongs to which split. Of a merged set, each part has a folder of its
+own with its configuration, named after its first world, such as `from_world_000012`.""",
     reading="""\
 ```python
 from pathlib import Path
@@ -63,10 +64,13 @@ class FilesFormat(DatasetFormat):
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
-        writer = SampleWriter(target)
-        writer.begin(config_from_mapping(dataset.info.config))
         counts: Counter[str] = Counter()
+        writers: dict[int, SampleWriter] = {}
         for world in dataset.worlds:
+            part = dataset.info.part_of(world)
+            if part.first_world not in writers:
+                writers[part.first_world] = _writer(target, part, bool(dataset.info.merged))
+            writer = writers[part.first_world]
             labels = dataset.legend(world).labels
             for frames, scans in _views(dataset, world):
                 writer.write(_sample(dataset, frames, scans), labels)
@@ -76,6 +80,14 @@ class FilesFormat(DatasetFormat):
                     counts[WRITTEN_SCANS] += len(scans)
                 options.progress(counts["frames"])
         return counts
+
+
+def _writer(target: Path, part: DatasetPart, is_merged: bool) -> SampleWriter:
+    """Return the writer of a part of a data set: each has a folder with its configuration."""
+    folder = target / f"from_world_{part.first_world:06d}" if is_merged else target
+    writer = SampleWriter(folder)
+    writer.begin(config_from_mapping(part.info.config))
+    return writer
 
 
 def _views(

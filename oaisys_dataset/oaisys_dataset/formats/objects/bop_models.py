@@ -38,6 +38,7 @@ class BopModels:
         self._objects: dict[str, Any] = {}
         self._world: int | None = None
         self._simulation: Any = None
+        self._first_world = 0
         self._finder: Any = None
         self._open = ExitStack()
 
@@ -112,10 +113,13 @@ class BopModels:
         from oaisys_core.world.batch import state_of
 
         try:
-            if self._simulation is None:
-                config = config_from_mapping(self._info.config)
+            part = self._info.part_of(record.world)
+            if self._simulation is None or self._first_world != part.first_world:
+                self._open.close()
+                config = config_from_mapping(part.info.config)
                 self._simulation = Simulation(config, AnalyticBackend())
                 self._open.callback(self._simulation.close)
+                self._first_world = part.first_world
                 self._finder = ObjectFinder()
             self._simulation.restore(state_of(record.outline()))
         except OaisysError as error:
