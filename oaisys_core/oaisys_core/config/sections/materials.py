@@ -54,6 +54,20 @@ class LabelImageConfig(Section):
     mapping: dict[MaskValue, Labelled] = Field(min_length=1)
 
 
+class StoneLabelsConfig(Labelled):
+    """Labels of the stones that a built-in texture shows, instead of those of its layer.
+
+    Attributes:
+        label: Name of the stones on level 0.
+        semantic_id: Id of the stones on level 0.
+        levels: Their labels on the levels from 1 on; further levels are those of the layer.
+        min_size_m: Least size of such a stone: the diameter of a circle of the area that it shows.
+            Smaller ones are ground.
+    """
+
+    min_size_m: Positive = 0.05
+
+
 class CurvesConfig(Section):
     """Tone curves of a colour map, through (0, 0), the given points and (1, 1).
 
@@ -126,9 +140,24 @@ class LayerConfig(Labelled, LookConfig):
     Attributes:
         labels_from: Label image of a tile; None for the same labels everywhere. A layer with one
             is projected from above on steep slopes too.
+        stones: Labels of the stones of a built-in texture (gravel, gravel_dark, pebbles, regolith,
+            soil, sand, red_sand); None: they are ground. A layer with them is projected from above,
+            too.
     """
 
     labels_from: LabelImageConfig | None = None
+    stones: StoneLabelsConfig | None = None
+
+    @model_validator(mode="after")
+    def _has_one_source_of_labels(self) -> LayerConfig:
+        if self.stones is not None and self.labels_from is not None:
+            raise ValueError("received labels_from and stones, expected one of them")
+        if self.stones is not None and self.folder is not None:
+            raise ValueError(
+                "received folder and stones, which built-in textures have; expected labels_from,"
+                " the label image of a folder's texture"
+            )
+        return self
 
 
 class PoolConfig(Section):
@@ -295,6 +324,7 @@ class MaterialsConfig(Section):
         images = [layer.labels_from for layer in layers if layer.labels_from is not None]
         return [
             *layers,
+            *(layer.stones for layer in layers if layer.stones is not None),
             *(entry for image in images for entry in image.mapping.values()),
             *(entry for pool in self.pools for entry in pool.labels.values()),
         ]

@@ -2,12 +2,20 @@
 
 from oaisys_core.procedural.textures.cache import default_cache_dir
 from oaisys_core.procedural.textures.folder import load_texture_folder
-from oaisys_core.procedural.textures.library import TEXTURES, texture_exposure, texture_set
+from oaisys_core.procedural.textures.library import (
+    TEXTURES,
+    TEXTURES_WITH_STONES,
+    texture_exposure,
+    texture_set,
+    texture_stones,
+)
 
 __all__ = [
     "TEXTURES",
+    "TEXTURES_WITH_STONES",
     "default_cache_dir",
     "load_texture_folder",
     "texture_exposure",
     "texture_set",
+    "texture_stones",
 ]

@@ -1,4 +1,4 @@
-"""Reading label images of terrain layers, with a mapping of pixel values to labels."""
+"""Label images of terrain layers: read with a mapping of pixel values, or of a texture's stones."""
 
 from __future__ import annotations
 
@@ -43,6 +43,35 @@ def load_label_image(
             "labels_from", str(path), f"an image with values of the mapping; it has {few}"
         )
     return LabelImage(ids)
+
+
+def label_stones(
+    stones: NDArray[np.uint32],
+    tile_m: float,
+    min_size_m: float,
+    ids: Sequence[int],
+    others: Sequence[int],
+) -> LabelImage:
+    """Return the labels of a texture whose larger stones have labels of their own.
+
+    Args:
+        stones: (N, N) number of the stone that each pixel shows, 0 for none.
+        tile_m: Edge length of a tile.
+        min_size_m: Least diameter of the circle that has the area that a stone shows.
+        ids: Semantic ids of these stones from level 0 on.
+        others: Ids of all else, and of levels that ``ids`` does not have.
+    """
+    pixel_m = tile_m / len(stones)
+    size_m = 2 * np.sqrt(np.bincount(stones.ravel()) / np.pi) * pixel_m
+    is_labelled = size_m >= min_size_m
+    is_labelled[0] = False
+    here = is_labelled[stones]
+    by_level = np.zeros((max(len(ids), len(others)), *stones.shape), np.uint16)
+    for level, semantic_id in enumerate(others):
+        by_level[level] = semantic_id
+    for level, semantic_id in enumerate(ids):
+        by_level[level][here] = semantic_id
+    return LabelImage(by_level)
 
 
 def _values(path: Path) -> tuple[NDArray[np.int64], bool]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError, one_of
@@ -14,7 +16,7 @@ from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import code_version
 from oaisys_core.procedural.textures.fields import normals_from_height
 from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
-from oaisys_core.procedural.textures.recipes.finish import Recipe
+from oaisys_core.procedural.textures.recipes.finish import Recipe, TextureMaps
 from oaisys_core.scene import PbrMaps
 
 RECIPES: dict[str, Recipe] = {
@@ -26,6 +28,9 @@ RECIPES: dict[str, Recipe] = {
 }
 
 TEXTURES = frozenset(RECIPES)
+
+TEXTURES_WITH_STONES = frozenset(name for name, recipe in RECIPES.items() if recipe.has_stones)
+"""Texture sets of which `texture_stones` can tell the stones from the ground."""
 
 
 def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> PbrMaps:
@@ -54,6 +59,30 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
     return replace(cached, subsurface=subsurface) if subsurface else cached
 
 
+@lru_cache(maxsize=4)
+def texture_stones(name: str, size_px: int, seed: int) -> NDArray[np.uint32]:
+    """Return which stone each pixel of a built-in texture set shows; it is made anew for this.
+
+    Args:
+        name: One of `TEXTURES_WITH_STONES`.
+        size_px: Edge length of its maps.
+        seed: Seed of the maps.
+
+    Returns:
+        (N, N) numbers of stones, from 1; 0 is the ground between them. Row 0 is the top of the
+        image, as in `PbrMaps`. Not to be changed.
+
+    Raises:
+        InvalidInputError: There is no such set, or it has no stones.
+    """
+    if name not in TEXTURES_WITH_STONES:
+        raise InvalidInputError("texture", name, one_of(TEXTURES_WITH_STONES, name))
+    stones = _make(name, size_px, seed).stones
+    if stones is None:
+        raise InvalidInputError("texture", name, "a texture set whose recipe makes stones")
+    return stones
+
+
 def texture_exposure(name: str) -> float:
     """Return where the ground of a built-in texture set lies, see `Recipe`."""
     return RECIPES[name].exposure
@@ -61,8 +90,7 @@ def texture_exposure(name: str) -> float:
 
 def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
     """Make a built-in texture set."""
-    recipe = RECIPES[name]
-    made = recipe.make(size_px, randomness.stream(seed, f"texture/{name}"))
+    recipe, made = RECIPES[name], _make(name, size_px, seed)
     low, high = float(made.height.min()), float(made.height.max())
     relief = max(high - low, 1e-9)
     height = ((made.height - np.float32(low)) / np.float32(relief)).astype(np.float32)
@@ -75,3 +103,7 @@ def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
         tile_m=recipe.tile_m,
         subsurface=recipe.subsurface,
     )
+
+
+def _make(name: str, size_px: int, seed: int) -> TextureMaps:
+    return RECIPES[name].make(size_px, randomness.stream(seed, f"texture/{name}"))

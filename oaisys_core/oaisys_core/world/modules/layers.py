@@ -19,10 +19,12 @@ from oaisys_core.config.sections.materials import (
 from oaisys_core.errors import InvalidInputError, one_of, quote
 from oaisys_core.procedural.textures import (
     TEXTURES,
+    TEXTURES_WITH_STONES,
     default_cache_dir,
     load_texture_folder,
     texture_exposure,
     texture_set,
+    texture_stones,
 )
 from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.folder import (
@@ -30,7 +32,7 @@ from oaisys_core.procedural.textures.folder import (
     has_color_map,
     texture_folders,
 )
-from oaisys_core.procedural.textures.label_image import load_label_image
+from oaisys_core.procedural.textures.label_image import label_stones, load_label_image
 from oaisys_core.scene.terrain_material import LabelImage, PbrMaps, TerrainLayer
 from oaisys_core.scene.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
@@ -102,9 +104,8 @@ class LayerLibrary:
             materials.texture_seed,
         )
         maps = self._remember(repr((source, tile_m, color_change, relief_m, strength)), change)
-        layer = TerrainLayer(
-            config.label, config.semantic_ids, maps, _tiling(config, rng), _label_image(config)
-        )
+        labels = _label_image(config, maps.tile_m, materials)
+        layer = TerrainLayer(config.label, config.semantic_ids, maps, _tiling(config, rng), labels)
         return DrawnLayer(config, layer, relief_m or 0.0)
 
     def _remember(self, key: str, make: Callable[[], PbrMaps]) -> PbrMaps:
@@ -138,10 +139,13 @@ def layer_faults(materials: MaterialsConfig, path: str) -> Iterator[InvalidInput
         if layer.folder is None and layer.texture not in TEXTURES:
             expected = one_of(TEXTURES, layer.texture)
             yield InvalidInputError(f"{path}.{place}.texture", layer.texture, expected)
+        if layer.stones is not None and layer.texture not in TEXTURES_WITH_STONES:
+            expected = f"with stones: {one_of(TEXTURES_WITH_STONES, layer.texture)}"
+            yield InvalidInputError(f"{path}.{place}.texture", layer.texture, expected)
         if layer.folder is not None and not has_color_map(layer.folder):
             expected = COLOR_MAP_EXPECTED
             yield InvalidInputError(f"{path}.{place}.folder", str(layer.folder), expected)
-        for semantic_id, label in labels_of(layer).items():
+        for semantic_id, label in _labels(layer):
             known = names.setdefault(semantic_id, label)
             if known != label:
                 yield InvalidInputError(
@@ -192,10 +196,15 @@ def pool_layers(pool: PoolConfig) -> list[LayerConfig]:
 
 def labels_of(layer: LayerConfig) -> dict[int, str]:
     """Return the names of all ids that a layer may have."""
-    names = dict(layer.labels)
+    return dict(_labels(layer))
+
+
+def _labels(layer: LayerConfig) -> Iterator[tuple[int, str]]:
+    yield from layer.labels.items()
     for entry in layer.labels_from.mapping.values() if layer.labels_from else ():
-        names.update(entry.labels)
-    return names
+        yield from entry.labels.items()
+    if layer.stones is not None:
+        yield from layer.stones.labels.items()
 
 
 def exposure_of(look: LookConfig) -> float:
@@ -226,7 +235,15 @@ def _tiling(look: LookConfig, rng: np.random.Generator) -> Tiling:
     return PlainTiling()
 
 
-def _label_image(config: LayerConfig) -> LabelImage | None:
+def _label_image(
+    config: LayerConfig, tile_m: float, materials: MaterialsConfig
+) -> LabelImage | None:
+    """Return the labels that vary within a tile of a layer; None if none do."""
+    if config.stones is not None:
+        stones = texture_stones(config.texture, materials.texture_size_px, materials.texture_seed)
+        wanted = config.stones
+        ids = wanted.semantic_ids
+        return label_stones(stones, tile_m, wanted.min_size_m, ids, config.semantic_ids)
     source = config.labels_from
     if source is None:
         return None

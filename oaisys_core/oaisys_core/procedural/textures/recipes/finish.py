@@ -27,11 +27,14 @@ class TextureMaps(NamedTuple):
         color: (N, N, 3) float32 sRGB, 0 to 1.
         height: (N, N) float32 in tile edges.
         roughness: (N, N) float32, 0 to 1.
+        stones: (N, N) uint32 number of the stone that a pixel shows, from 1; 0 is the ground
+            between them. None if it shows none.
     """
 
     color: NDArray[np.float32]
     height: Field
     roughness: Field
+    stones: NDArray[np.uint32] | None = None
 
 
 class Recipe(NamedTuple):
@@ -44,6 +47,7 @@ class Recipe(NamedTuple):
         subsurface: See `PbrMaps`.
         exposure: Where such ground lies: 1 on ridges and scarps as bare rock, -1 in hollows and on
             level ground as what wind and water carry.
+        has_stones: Whether its maps tell its stones from the ground.
     """
 
     make: Callable[[int, np.random.Generator], TextureMaps]
@@ -51,6 +55,7 @@ class Recipe(NamedTuple):
     albedo: tuple[float, float]
     subsurface: float = 0.0
     exposure: float = 0.0
+    has_stones: bool = False
 
 
 def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float32]:
@@ -131,7 +136,8 @@ def stone_bed_maps(
     bare *= bed.ids >= 0
     color = ground + (stone - ground) * bare[..., None]
     chipped = 0.0002 * fields.tile_noise(size_px, 50, rng, 1.5) * (bed.ids >= 0)
-    return darken_hollows(color, bed.height + chipped.astype(np.float32), rng, roughness)
+    maps = darken_hollows(color, bed.height + chipped.astype(np.float32), rng, roughness)
+    return maps._replace(stones=(bed.ids + 1).astype(np.uint32))
 
 
 def darken_hollows(

@@ -209,12 +209,14 @@ def soil(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 RECIPES: dict[str, Recipe] = {
-    "gravel": Recipe(gravel, tile_m=3.2, albedo=(0.1, 0.25), exposure=0.6),
-    "sand": Recipe(sand, tile_m=3.6, albedo=(0.2, 0.35), exposure=-0.8),
+    "gravel": Recipe(gravel, tile_m=3.2, albedo=(0.1, 0.25), exposure=0.6, has_stones=True),
+    "sand": Recipe(sand, tile_m=3.6, albedo=(0.2, 0.35), exposure=-0.8, has_stones=True),
     "rippled_sand": Recipe(rippled_sand, tile_m=3.2, albedo=(0.28, 0.4), exposure=-0.8),
-    "red_sand": Recipe(red_sand, tile_m=3.6, albedo=(0.12, 0.25), exposure=-0.8),
-    "gravel_dark": Recipe(gravel_dark, tile_m=3.2, albedo=(0.03, 0.1), exposure=0.6),
-    "pebbles": Recipe(pebbles, tile_m=2.2, albedo=(0.1, 0.25), exposure=0.2),
-    "regolith": Recipe(regolith, tile_m=3.4, albedo=(0.08, 0.15), exposure=-0.5),
-    "soil": Recipe(soil, tile_m=3.0, albedo=(0.08, 0.2), exposure=0.2),
+    "red_sand": Recipe(red_sand, tile_m=3.6, albedo=(0.12, 0.25), exposure=-0.8, has_stones=True),
+    "gravel_dark": Recipe(
+        gravel_dark, tile_m=3.2, albedo=(0.03, 0.1), exposure=0.6, has_stones=True
+    ),
+    "pebbles": Recipe(pebbles, tile_m=2.2, albedo=(0.1, 0.25), exposure=0.2, has_stones=True),
+    "regolith": Recipe(regolith, tile_m=3.4, albedo=(0.08, 0.15), exposure=-0.5, has_stones=True),
+    "soil": Recipe(soil, tile_m=3.0, albedo=(0.08, 0.2), exposure=0.2, has_stones=True),
 }
