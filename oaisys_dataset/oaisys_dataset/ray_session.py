@@ -19,6 +19,7 @@ from typing import Any
 
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
 from oaisys_core.system.leftovers import temporary_folder
+from oaisys_core.system.own_stderr import keep_messages
 from oaisys_core.system.python_programs import python_environment
 from oaisys_core.system.socket_paths import socket_parent
 from oaisys_dataset import session_guard
@@ -52,6 +53,15 @@ ROUNDING = 1e-6
 
 FOLDER = "oaisys_ray_"
 """How the name of Ray's temporary folder begins."""
+
+LOG = "oaisys_messages_of_ray_"
+"""How the name of the file with Ray's messages begins."""
+
+ENDED = (
+    "Ray has ended this command, because its daemon on this machine, the raylet, is gone;"
+    " --resume renders the worlds that are missing; Ray's messages are in {log}"
+)
+"""What is said then: Ray ends its driver on a thread of its own, without an exception."""
 
 LONGEST_SOCKET_BYTES = len("/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store.12")
 """Of the paths of Ray's sockets in its folder; the number before them is a process's, and a second
@@ -149,7 +159,7 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
         raise ConfigError(f"{error}; `pip install oaisys_dataset[all]` installs Ray") from error
     address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
     connected = _connect if address else _embed
-    with connected(ray, settings, address or "local") as folder:
+    with keep_messages(LOG, ENDED), connected(ray, settings, address or "local") as folder:
         yield RaySession(ray, settings.workers or _slots(ray, settings), folder)
 
 

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -147,6 +148,22 @@ def test_a_run_that_is_killed_again_and_again_ends_in_the_same_data_set(
     told = killed_and_resumed(undisturbed, tmp_path / "set", WORLDS, shuffled(VICTIMS))
     assert contents(tmp_path / "set") == contents(undisturbed.folder), told
     wait_until(lambda: not list(temporary_folder.glob("oaisys_ray_*")))
+
+
+@pytest.mark.long
+def test_the_death_of_ray_s_daemon_is_said_in_a_sentence(
+    tmp_path: Path, temporary_folder: Path, undisturbed: UndisturbedRun, leaks
+):
+    out = tmp_path / "set"
+    line = command(undisturbed.config, out, *MORE)
+    ended = run_with_kill(line, "node", 0.0, lambda: any(out.glob("shards/*.jsonl")))
+    assert (ended.is_killed, ended.exit_code) == (True, 1), ended.errors
+    assert "--resume renders the" in ended.errors
+    noise = re.compile(r"^\[\d{4}-|Traceback|core_worker|raylet_client|\.cc:", re.MULTILINE)
+    assert not noise.search(ended.errors), ended.errors
+    resumed = run(undisturbed.config, out, *MORE, "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    assert contents(out) == contents(undisturbed.folder)
 
 
 def killed_and_resumed(

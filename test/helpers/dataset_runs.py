@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,13 +71,16 @@ class KilledRun(NamedTuple):
     errors: str
 
 
-def run_with_kill(line: list[str], victim: str, after_s: float) -> KilledRun:
+def run_with_kill(
+    line: list[str], victim: str, after_s: float, when: Callable[[], bool] = lambda: True
+) -> KilledRun:
     """Run a command, and kill -9 a part of it at a moment.
 
     Args:
         line: The command.
         victim: ``worker``, ``driver`` or ``node`` (Ray's raylet).
         after_s: The moment; the next one at which there is such a process.
+        when: Returns whether the moment has come.
     """
     is_killed = False
     driver = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -84,7 +88,7 @@ def run_with_kill(line: list[str], victim: str, after_s: float) -> KilledRun:
     deadline_s = time.monotonic() + TIMEOUT_S
     while driver.poll() is None and time.monotonic() < deadline_s:
         found = [driver.pid] if victim == "driver" else _processes(driver.pid, victim)
-        if found:
+        if found and when():
             os.kill(found[0], signal.SIGKILL)
             is_killed = True
             break

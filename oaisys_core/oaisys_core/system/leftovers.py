@@ -58,9 +58,15 @@ class Leftovers:
         found = (slot.partition(_FREE)[0] for slot in slots)
         return [Path(os.fsdecode(each)) for each in found if each]
 
-    def remove(self) -> None:
-        """Remove what is written down and exists; nothing may be writing there any more."""
+    def remove(self, kept: Path | None = None) -> None:
+        """Remove what is written down and exists; nothing may be writing there any more.
+
+        Args:
+            kept: A path that stays.
+        """
         for path in self.paths():
+            if path == kept:
+                continue
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
             else:

@@ -68,9 +68,10 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
         grace_s: How long the child may take to end by itself after `KeyboardInterrupt`; 0: it is
             killed at once.
     """
+    from oaisys_core.system.last_words import LastWords, record_last_words
     from oaisys_core.system.leftovers import Leftovers, record_leftovers
 
-    record = Leftovers()
+    record, words = Leftovers(), LastWords()
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
     sys.stdout.flush()
     sys.stderr.flush()
@@ -95,13 +96,18 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
     if not child:
         _begin_work(parent, is_interrupted=bool(grace_s))
         record_leftovers(record)
+        record_last_words(words)
         return
     if received:  # between the handlers and the fork
         os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     child = 0
     if not received and os.WIFEXITED(status):
-        record.remove()
+        text, kept = words.read()
+        record.remove(kept)
+        if text:  # a library has ended it
+            _write_end(command, text)
+            os._exit(1)
         os._exit(os.WEXITSTATUS(status))
     kill_descendants()
     record.remove()
@@ -126,12 +132,15 @@ def _say_end(command: str, received: list[int], status: int) -> NoReturn:
     """Say by what the command was ended, and exit."""
     number = received[0] if received else os.WTERMSIG(status)
     name = signal.Signals(number).name
+    _write_end(command, f"stopped by {name}" if received else f"its process was ended by {name}")
+    os._exit(128 + number if received else 1)
+
+
+def _write_end(command: str, how: str) -> None:
     with suppress(OSError):
         if os.isatty(2):
             os.write(2, _SHOWN_CURSOR)  # the progress display has hidden it
-        how = f"stopped by {name}" if received else f"its process was ended by {name}"
         os.write(2, f"oaisys {command}: {how}\n".encode())
-    os._exit(128 + number if received else 1)
 
 
 def kill_descendants() -> None:
