@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from object_worlds import object_config
 from PIL import Image
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
+from repository import REPOSITORY
 from small_datasets import render_dataset
 from synthetic_datasets import LEGEND, drawn_arrays, frame_record, write_dataset
 
@@ -126,6 +129,15 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return open_dataset(folder / "set")
 
 
+def mask_by_documented_lines(annotation: dict[str, Any], image: dict[str, Any]) -> Any:
+    """Return what the lines in docs/dataset.md make of an annotation, as torchvision does."""
+    text = (REPOSITORY / "docs/dataset.md").read_text(encoding="utf-8")
+    (lines,) = re.findall(r"```python\n(from pycocotools import mask.*?)```", text, re.DOTALL)
+    names = {"annotation": annotation, "height": image["height"], "width": image["width"]}
+    exec(lines, names)
+    return names["mask"]
+
+
 def test_polygons_are_the_masks_and_crowds_stay_run_lengths(known: Dataset, tmp_path: Path) -> None:
     options = ExportOptions(settings={"segmentation": "polygons"})
     export_dataset(known, "coco", tmp_path / "out", options)
@@ -139,6 +151,7 @@ def test_polygons_are_the_masks_and_crowds_stay_run_lengths(known: Dataset, tmp_
             assert all(len(ring) >= 6 for ring in annotation["segmentation"])
             mask = sample.arrays["instance"] == annotation["instance_id"]
             assert np.array_equal(coco.annToMask(annotation), mask)
+            assert np.array_equal(mask_by_documented_lines(annotation, image), mask)
             assert annotation["area"] == mask.sum()
     write_dataset(tmp_path / "set", {0: "train"})
     export_dataset(open_dataset(tmp_path / "set"), "coco", tmp_path / "crowds", options)
