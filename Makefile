@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery bench test test-full soak bench-test fuzz lint format schema licences contract clean
+.PHONY: help setup demo gallery bench test test-full soak bench-test fuzz lint format schema licences contract docs docs-serve clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -74,6 +74,7 @@ format: setup ## Rewrite the code in the project's format
 schema: setup ## Write the configuration's schema and the reference pages anew from the code
 	@$(IN_ENV) oaisys config schema --out config/schema.json
 	@$(IN_ENV) oaisys config reference --out docs/configuration.md
+	@$(IN_ENV) oaisys config names --out docs/names.md
 	@$(IN_ENV) oaisys ros reference --out docs/ros.md
 
 licences: setup ## Write the tables of docs/licences.md anew from the installed packages
@@ -81,6 +82,12 @@ licences: setup ## Write the tables of docs/licences.md anew from the installed 
 
 contract: setup ## Make today's gRPC contract the released one, which `make lint` lets nobody break
 	@tools/buf.sh '$(abspath $(VENV))/buf' release
+
+docs: setup ## Build the documentation site strictly: out/docs/site/index.html
+	@$(IN_ENV) tools/docs.sh '$(abspath $(VENV))/docs' build --strict --quiet
+
+docs-serve: setup ## Serve the site at http://127.0.0.1:8000
+	@$(IN_ENV) tools/docs.sh '$(abspath $(VENV))/docs' serve
 
 clean: ## Remove the virtual environment and everything generated
 	@rm -rf '$(VENV)' '$(VENV).lock' oaisys_grpc/oaisys_grpc/pb out

@@ -14,7 +14,7 @@ from repository import REPOSITORY
 PAGES = [
     *sorted(REPOSITORY.glob("*.md")),
     *sorted(REPOSITORY.glob("oaisys_*/README.md")),
-    *sorted((REPOSITORY / "docs").glob("*.md")),
+    *sorted((REPOSITORY / "docs").rglob("*.md")),
     *sorted((REPOSITORY / "examples").rglob("*.md")),
 ]
 NAMES = [path.relative_to(REPOSITORY).as_posix() for path in PAGES]

@@ -13,6 +13,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from PIL import Image
@@ -147,6 +148,66 @@ def test_training_gets_batches_and_trains_where_pytorch_is_there(tmp_path: Path)
         assert losses[-1] < losses[0]
     else:
         assert "PyTorch is not installed" in output
+
+
+@pytest.mark.long
+def test_drive_tells_each_stamp_and_what_the_lidar_hit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = run_here(monkeypatch, capsys, "08_drive.py", tmp_path, "--seconds", "0.1")
+    stamps = re.findall(r"^(\S+) s: at .* m, (\d+) lidar hits$", output, re.MULTILINE)
+    assert [stamp for stamp, _ in stamps] == ["0.0", "0.1"]
+    # 64 rings of 512 rays.
+    assert all(0 < int(hits) <= 64 * 512 for _, hits in stamps)
+    assert "specific_force_m_s2=<float64 (2000, 3)>" in output
+
+
+@pytest.mark.long
+def test_each_next_best_view_shows_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = run_here(monkeypatch, capsys, "09_next_best_view.py", tmp_path, "--views", "3")
+    voxels = [int(count) for count in re.findall(r"(\d+) voxels of surface", output)]
+    assert len(voxels) == 3
+    assert 0 < voxels[0] < voxels[1] < voxels[2]
+
+
+@pytest.mark.long
+def test_lunar_sun_is_as_high_as_spherical_astronomy_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = run_here(monkeypatch, capsys, "10_lunar_day.py", tmp_path, "--hours", "8", "12")
+    elevations_deg = [float(each) for each in re.findall(r"sun (\S+)° up", output)]
+    # At noon 90° less the latitude; at H = 60°, sin h = cos 60° cos 60° = 1/4.
+    assert elevations_deg == pytest.approx([14.5, 30.0], abs=0.05)
+    strip = np.asarray(Image.open(tmp_path / "out" / "lunar_day.png").convert("L"))
+    morning, noon = np.hsplit(strip, 2)
+    assert (morning < 8).mean() > 2 * (noon < 8).mean(), "shadows are longer in the morning"
+
+
+CAMERA_INFO = """
+image_width: 64
+image_height: 48
+camera_name: mast
+camera_matrix: {rows: 3, cols: 3, data: [50, 0, 31.5, 0, 51, 23.5, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+projection_matrix: {rows: 3, cols: 4, data: [50, 0, 31.5, 0, 0, 51, 23.5, 0, 0, 0, 1, 0]}
+"""
+
+
+@pytest.mark.long
+def test_robot_has_its_lidar_and_the_camera_of_the_calibration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calibration = tmp_path / "mast.yaml"
+    calibration.write_text(CAMERA_INFO, encoding="utf-8")
+    arguments = ("--calibration", str(calibration))
+    output = run_here(monkeypatch, capsys, "11_robot.py", tmp_path, *arguments)
+    assert re.search(r"mast depth: 64x48, K \[50\. +0\. +31\.5\]", output)
+    assert re.search(r"scans: lidar \(\d+,\)", output)
+    assert "front" not in output.partition("mast")[2], "the robot's own camera is replaced"
 
 
 @pytest.mark.long

@@ -27,7 +27,7 @@ def test_every_direct_dependency_is_pinned_and_listed_with_who_asks_for_it() -> 
 def test_the_licences_are_those_of_the_installed_packages() -> None:
     """Versions that only one Python has may say theirs in other words."""
     installed = licences.licences_in([sysconfig.get_path("purelib")])
-    files = (REPOSITORY / "requirements").glob("*.txt")
+    files = (REPOSITORY / "requirements").glob("py3*.txt")
     lines = [set(file.read_text(encoding="utf-8").split()) for file in files]
     same = {licences.normalise(line.partition("==")[0]) for line in set.intersection(*lines)}
     listed = licences.licences_on_page(PAGE)

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import typer
 
+from oaisys_core.cli.names import names
 from oaisys_core.cli.options import (
     BackendOption,
     ConfigOption,
@@ -28,6 +29,8 @@ __all__ = ["config_app", "render"]
 config_app = typer.Typer(
     help="Check configuration files.", no_args_is_help=True, add_completion=False
 )
+
+config_app.command("names")(names)
 
 
 @config_app.command("check")

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oaisys_core.cli.metadata_file import SampleRequest
+from oaisys_core.cli.metadata_file import SampleRequest, Steps
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
 from oaisys_core.files.poses.flight_plans import FlightPlan, read_plan
+from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import FloatArray, ModuleMetadata, Pose
 
 if TYPE_CHECKING:
@@ -65,3 +66,32 @@ class PoseSteps:
             return simulation.query_height(points_m, on_stage=True).ground_height_m
 
         return self._source.poses(info.georeference, heights)
+
+
+def view_steps(
+    position_m: tuple[float, float, float] | None,
+    target_m: tuple[float, float, float] | None,
+    samples: int,
+) -> Steps:
+    """Return the steps of a run whose views are all from one position, at one point.
+
+    Args:
+        position_m: Position of the rig in ``map``.
+        target_m: Point in ``map`` at which it looks.
+        samples: Number of views of each world.
+
+    Raises:
+        InvalidInputError: One of the two is missing, or they are the same point.
+    """
+    if position_m is None:
+        raise InvalidInputError("position", None, "X Y Z in metres, as --look-at is given")
+    if target_m is None:
+        raise InvalidInputError("look-at", None, "X Y Z in metres, as --position is given")
+    if position_m == target_m:
+        raise InvalidInputError("look-at", target_m, "another point than --position")
+    if position_m[:2] == target_m[:2] and target_m[2] < position_m[2]:
+        pose = pose_looking_down(*position_m)
+    else:
+        pose = pose_looking_at(position_m, target_m)
+    metadata = ModuleMetadata(sensor={"pose": pose})
+    return Steps(ModuleMetadata(), (SampleRequest(metadata),) * samples)

@@ -43,6 +43,14 @@ def render(
     poses_camera: PosesCameraOption = None,
     poses_topic: PosesTopicOption = None,
     poses_frame: PosesFrameOption = None,
+    position: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Position of the rig in `map`, X Y Z in metres; with --look-at."),
+    ] = None,
+    look_at: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Point in `map` at which the rig looks, X Y Z in metres."),
+    ] = None,
     metadata: Annotated[
         Path | None,
         typer.Option(help="YAML or JSON list of metadata, one entry per view."),
@@ -62,10 +70,13 @@ def render(
 ) -> None:
     """Render batches and samples to files, without ROS and without a server.
 
-    Without --poses, --metadata and a motion in the configuration, the rig stays above the stage's
-    centre, looking down.
+    Without --look-at, --poses, --metadata and a motion in the configuration, the rig stays above
+    the stage's centre, looking down.
+
+    Example: oaisys render --position -8 -6 6 --look-at 0 0 0 --out out/view
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
+    from oaisys_core.cli.pose_steps import view_steps
     from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.files.folders import make_folder
     from oaisys_core.files.poses import PoseSelection
@@ -85,6 +96,11 @@ def render(
         raise InvalidInputError("output.save_blend", chosen.backend, expected)
     selection = PoseSelection(topic=poses_topic, frame=poses_frame)
     steps = _steps(poses, selection, poses_camera, metadata, output.samples)
+    if position is not None or look_at is not None:
+        if poses is not None or metadata is not None:
+            expected = "none with --poses or --metadata"
+            raise InvalidInputError("look-at", look_at or position, expected)
+        steps = view_steps(position, look_at, output.samples)
     writer = SampleWriter(make_folder(output.folder), output.batch_offset)
     with own_stdout():
         simulation = Simulation(chosen)

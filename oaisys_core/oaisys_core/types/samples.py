@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import sample_pictures
 from oaisys_core.types.arrays import FloatArray, ShortRepr
 from oaisys_core.types.cameras import PinholeIntrinsics
 from oaisys_core.types.modalities import RENDERED
@@ -168,6 +172,54 @@ class Sample:
             if candidate.sensor == sensor:
                 return candidate
         raise KeyError(f"no scan of {sensor}")
+
+    def _repr_html_(self) -> str:
+        """Return the sample's pictures, which notebooks show."""
+        return sample_pictures.html(f"batch {self.batch_id} sample {self.sample_id}", self.frames)
+
+    def show(self) -> None:
+        """Open all images side by side in the desktop's viewer.
+
+        Raises:
+            ValueError: The sample has no image.
+            ImportError: pillow is not installed.
+        """
+        sample_pictures.image_of(sample_pictures.sheet(self.frames)).show()
+
+    def save(self, path: Path | str) -> Path:
+        """Write the sample to one file, whose suffix says what it holds.
+
+        Args:
+            path: With ``.npz``, all arrays as they are, named ``sensor/modality``, of cameras also
+                ``sensor/K`` (3, 3) and ``sensor/T_map_camera`` (4, 4). With ``.png``, ``.jpg`` or
+                ``.webp``, one picture of all images side by side. Its folder is made.
+
+        Returns:
+            The path.
+
+        Raises:
+            InvalidInputError: The suffix is another.
+            ValueError: A picture is asked for, and the sample has no image.
+        """
+        file = Path(path)
+        if file.suffix.lower() not in (".npz", ".png", ".jpg", ".webp"):
+            expected = "a file that ends in .npz, .png, .jpg or .webp"
+            raise InvalidInputError("path", str(path), expected)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file.suffix.lower() == ".npz":
+            np.savez_compressed(file, **self._arrays())
+        else:
+            sample_pictures.image_of(sample_pictures.sheet(self.frames)).save(file)
+        return file
+
+    def _arrays(self) -> dict[str, Any]:
+        """Return all arrays by the names that they have in a file."""
+        arrays: dict[str, Any] = {}
+        for frame in self.frames:
+            arrays[f"{frame.sensor}/{frame.modality}"] = frame.data
+            arrays[f"{frame.sensor}/K"] = frame.intrinsics.K
+            arrays[f"{frame.sensor}/T_map_camera"] = frame.T_map_camera
+        return arrays | {f"{scan.sensor}/{scan.modality}": scan.data for scan in self.scans}
 
 
 def _as_rendered(frame: Frame) -> Frame:

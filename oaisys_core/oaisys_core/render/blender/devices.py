@@ -72,3 +72,9 @@ def _choose_gpus(kind: Device) -> None:
 def _device_name(kind: Device) -> str:
     names = _gpus(kind)
     return f"{kind} ({', '.join(names)})" if names else kind
+
+
+def gpu_names() -> dict[str, list[str]]:
+    """Return the names of the GPUs that Cycles can use, by kind; kinds without one are left out."""
+    found = {kind: _gpus(kind) for kind in GPU_KINDS}
+    return {kind: names for kind, names in found.items() if names}

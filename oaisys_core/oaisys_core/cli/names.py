@@ -1,0 +1,201 @@
+"""The page of the names that a configuration may use, from the code that knows them."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from oaisys_core.cli.standard_output import write_or_print
+
+EXTENT_M = 60.0
+RESOLUTION_PX = 65
+
+HEAD = """# Names
+
+`make schema` writes this page from the code (`oaisys config names`). What is installed as an
+[extension](../examples/extensions/README.md) has further names.
+
+## Terrains
+
+`stage.preset`. The height differences are those of one stage of 60 m, whose `relief_m` is left to
+the preset (seed 0); most grow with `extent_m`.
+
+| name | height difference | what it is |
+|---|---|---|
+"""
+
+TEXTURES = """
+## Textures
+
+`materials.layers[].texture`. A layer can have a `folder` of images instead, see below.
+
+| name | tile | what it is |
+|---|---|---|
+"""
+
+ROCKS = """
+## Rocks
+
+`assets.rocks[].kind`. `size_m` is the length along the longest axis; the others are shares of it.
+
+| name | middle axis | short axis | lies where |
+|---|---|---|---|
+"""
+
+SHAPES = """
+## Plants and vehicles
+
+`shape` of scattered objects and movers.
+
+Plants: {plants}.
+
+| vehicle | what it is |
+|---|---|
+"""
+
+FOLDERS = """
+## Folders of textures
+
+Which image of a folder is which map is read from the last of these words in its name. A hyphen
+joins words that follow each other. Images are read from {suffixes}.
+
+| map | words |
+|---|---|
+"""
+
+PACKED = """
+Channels of packed maps (a dash is not used):
+
+| word | red | green | blue | alpha |
+|---|---|---|---|---|
+"""
+
+POSES = """
+## Columns of `poses.csv`
+
+`oaisys render` writes them, and `--poses` reads them. `t_s`, the time in seconds, is read too.
+`sample_id` is not needed.
+
+| column | what it is |
+|---|---|
+"""
+
+COLUMNS = {
+    "sample_id": "number of the sample in its batch, from 1",
+    "x_m": "position of the rig in `map`, metres east or along the stage's x",
+    "y_m": "the same along y",
+    "z_m": "the same, up",
+    "qx": "unit quaternion that turns the rig's axes (x forward, y left, z up) into `map`: x",
+    "qy": "its y",
+    "qz": "its z",
+    "qw": "its real part",
+}
+
+RECIPES = """
+## Recipes
+
+An overcast day: a plain grey sky, and a weak sun as wide as a bright patch of cloud, so that
+shadows are soft. `environment.clouds` draws clouds, but leaves the light of a clear day.
+
+```yaml
+environment:
+  sky: {model: plain, zenith_srgb: [0.72, 0.74, 0.77], horizon_srgb: [0.84, 0.85, 0.86]}
+  sun_strength_w_m2: 0.4
+  sun_angular_diameter_deg: 60
+```
+
+One crater of a chosen depth. Its width is five times the depth (`relief_m`); its place is drawn
+from the seed:
+
+```yaml
+stage: {preset: craters, extent_m: 60, relief_m: 4}
+```
+
+A crater at a chosen place: heights of your own, as in
+[examples/04_own_world.py](../examples/04_own_world.py).
+"""
+
+
+def names(
+    out: Annotated[Path | None, typer.Option(help="File to write; default: print it.")] = None,
+) -> None:
+    """Write the page that lists names: terrains, textures, rocks, shapes, maps, columns.
+
+    Example: oaisys config names --out docs/names.md
+    """
+    write_or_print(names_text(measure_relief_m()), out)
+
+
+def measure_relief_m(presets: Iterable[str] | None = None) -> dict[str, float]:
+    """Return the height differences of terrains with their default relief, metres.
+
+    Args:
+        presets: Names of presets; None for all.
+    """
+    import numpy as np
+
+    from oaisys_core.procedural.terrain.presets import PRESETS, make_ground
+
+    found = {}
+    for name in sorted(PRESETS if presets is None else presets):
+        ground = make_ground(name, EXTENT_M, RESOLUTION_PX, np.random.default_rng(0))
+        found[name] = float(np.ptp(ground.elevation_m))
+    return found
+
+
+def names_text(relief_m: Mapping[str, float]) -> str:
+    """Return the page in Markdown.
+
+    Args:
+        relief_m: See `measure_relief_m`.
+    """
+    from oaisys_core.files.poses.tables import POSE_NUMBERS
+    from oaisys_core.procedural.scatter.rock_families import ROUNDED
+    from oaisys_core.procedural.scatter.rocks import STYLES
+    from oaisys_core.procedural.scatter.shapes import PLANTS
+    from oaisys_core.procedural.scatter.vehicles import VEHICLES
+    from oaisys_core.procedural.terrain.presets import PRESETS
+    from oaisys_core.procedural.textures import map_names
+    from oaisys_core.procedural.textures.library import RECIPES as SETS
+
+    terrains = [(f"`{n}`", f"{relief_m[n]:.1f} m", _meaning(PRESETS[n])) for n in sorted(PRESETS)]
+    textures = [(f"`{n}`", f"{SETS[n].tile_m:g} m", _meaning(SETS[n].make)) for n in sorted(SETS)]
+    rocks = [
+        (f"`{n}`", *("{:g} to {:g}".format(*axis) for axis in STYLES[n].axes), _place(n in ROUNDED))
+        for n in sorted(STYLES)
+    ]
+    plants = ", ".join(f"`{n}`" for n in sorted(PLANTS))
+    vehicles = [(f"`{n}`", _meaning(made)) for n, made in sorted(VEHICLES.items())]
+    maps = [(kind, words) for kind, words in map_names.WORDS.items() if kind != map_names.PACKED]
+    packed = [
+        (word, *(each or "–" for each in (*channels, "", "", "")[:4]))
+        for word, channels in map_names.CHANNELS.items()
+    ]
+    columns = [(f"`{n}`", COLUMNS[n]) for n in ("sample_id", *POSE_NUMBERS)]
+    suffixes = ", ".join(f"`{each}`" for each in sorted(map_names.SUFFIXES))
+    parts = [HEAD, _rows(terrains), TEXTURES, _rows(textures), ROCKS, _rows(rocks)]
+    parts += [
+        SHAPES.format(plants=plants),
+        _rows(vehicles),
+        FOLDERS.format(suffixes=suffixes),
+        _rows(maps),
+    ]
+    parts += [PACKED, _rows(packed), POSES, _rows(columns), RECIPES]
+    return "".join(parts)
+
+
+def _meaning(maker: Any) -> str:
+    """Return the first paragraph of the docstring of whatever makes a thing."""
+    return " ".join((inspect.getdoc(maker) or "").split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def _place(is_worn: bool) -> str:
+    return "where water runs" if is_worn else "near scarps"
+
+
+def _rows(rows: Iterable[tuple[str, ...]]) -> str:
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)

@@ -1,0 +1,39 @@
+"""`oaisys render --position X Y Z --look-at X Y Z`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oaisys_core.cli.pose_steps import view_steps
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pose_to_matrix
+
+Point = tuple[float, float, float]
+
+
+@pytest.mark.parametrize("target_m", [(3.0, 4.0, 0.0), (1.0, 2.0, 0.0), (-5.0, 2.0, 9.0)])
+def test_the_rig_s_x_axis_points_at_the_target(target_m: Point) -> None:
+    position_m = (1.0, 2.0, 6.0)
+    (request,) = view_steps(position_m, target_m, 1).samples
+    sensor = request.metadata.sensor
+    assert sensor is not None
+    T_map_rig = pose_to_matrix(sensor["pose"])
+    towards = np.subtract(target_m, position_m)
+    np.testing.assert_allclose(T_map_rig[:3, 0], towards / np.linalg.norm(towards), atol=1e-9)
+    np.testing.assert_allclose(T_map_rig[:3, 3], position_m)
+
+
+@pytest.mark.parametrize(
+    ("position_m", "target_m", "message"),
+    [
+        (None, (0.0, 0.0, 0.0), r"position: received None"),
+        ((0.0, 0.0, 1.0), None, r"look-at: received None"),
+        ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0), r"another point than --position"),
+    ],
+)
+def test_half_a_view_is_refused(
+    position_m: Point | None, target_m: Point | None, message: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        view_steps(position_m, target_m, 1)

@@ -1,0 +1,98 @@
+"""The documentation site: its links, the pages written from code, and that it builds strictly."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+import yaml
+from repository import REPOSITORY
+
+from tools.docs.api_pages import MODULES
+from tools.docs.command_page import command_page
+from tools.docs.contract_page import contract_page
+from tools.docs.links import REPOSITORY_URL, SiteLinks
+from tools.docs.sources import gather_sources
+from tools.docs.tutorial_pages import tutorial_pages
+
+LINKS = SiteLinks({Path("docs/a.md"): Path("a.md"), Path("README.md"): Path("index.md")})
+PROTO = REPOSITORY / "oaisys_grpc" / "proto" / "oaisys" / "v1" / "simulator.proto"
+
+
+@pytest.mark.parametrize(
+    ("link", "expected"),
+    [
+        ("../README.md#a-drive", "index.md#a-drive"),
+        ("../examples/01_one_view.py", "tutorials/01_one_view.md"),
+        ("../config/simulator.yaml", f"{REPOSITORY_URL}/config/simulator.yaml"),
+        ("https://example.org/a", "https://example.org/a"),
+        ("#below", "#below"),
+    ],
+)
+def test_links_lead_to_the_same_thing_on_the_site(link: str, expected: str) -> None:
+    assert LINKS.rewrite(f"See [it]({link}).", Path("docs/a.md")) == f"See [it]({expected})."
+
+
+def test_code_is_left_alone_and_its_links_are_not() -> None:
+    text = "`[x](../README.md)` and [`y`](../README.md)"
+    assert LINKS.rewrite(text, Path("docs/a.md")) == "`[x](../README.md)` and [`y`](index.md)"
+
+
+def test_a_link_to_nowhere_is_an_error() -> None:
+    with pytest.raises(FileNotFoundError, match=r"docs/a\.md: the link gone\.md leads to no file"):
+        LINKS.rewrite("[x](gone.md)", Path("docs/a.md"))
+
+
+def test_a_folder_of_others_is_not_emptied(tmp_path: Path) -> None:
+    (tmp_path / "precious").touch()
+    with pytest.raises(FileExistsError, match="remove it first"):
+        gather_sources(tmp_path)
+    assert (tmp_path / "precious").exists()
+
+
+def test_every_command_has_its_section_and_options() -> None:
+    page = command_page()
+    for name in entry_points(group="oaisys.commands").names:
+        assert f"## oaisys {name}\n" in page
+    assert "### oaisys dataset export\n" in page
+    assert "`--look-at" in page
+
+
+def test_every_message_and_method_of_the_contract_is_on_its_page() -> None:
+    """The names are looked for in the proto's text, not with the parser that the page uses."""
+    text, page = PROTO.read_text(encoding="utf-8"), contract_page()
+    for name in re.findall(r"^ *(?:rpc|message|enum) (\w+)", text, re.MULTILINE):
+        assert re.search(rf"^### (?:\w+\.)*{name}( |$)", page, re.MULTILINE), name
+    assert "Depth and labels before RGB" in page.replace("depth and labels", "Depth and labels")
+
+
+def test_every_page_that_is_written_is_in_the_navigation() -> None:
+    # The file has a tag of Python for mkdocs, which is of no matter here.
+    text = (REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8").replace("!!python/", "!python-")
+    nav = set(re.findall(r"[\w/]+\.md", text.partition("\nnav:")[2]))
+    assert yaml.safe_load("nav:" + text.partition("\nnav:")[2])["nav"]
+    assert {name for name, _ in tutorial_pages()} <= nav
+    assert {f"reference/api/{name}.md" for name in MODULES} <= nav
+
+
+@pytest.mark.long
+def test_the_site_builds_strictly(tmp_path: Path) -> None:
+    folder = Path(sys.prefix) / "docs"
+    command = [REPOSITORY / "tools" / "docs.sh", folder, "build", "--strict", "--quiet"]
+    built = subprocess.run(
+        [*command, "--site-dir", tmp_path / "site"],
+        env={**os.environ, "PIP_NO_INPUT": "1"},
+        capture_output=True,
+        text=True,
+        timeout=500,
+        check=False,
+    )
+    assert built.returncode == 0, built.stderr + built.stdout
+    page = (tmp_path / "site" / "reference" / "api" / "simulation" / "index.html").read_text()
+    assert "step_sample" in page
+    assert "googleapis" not in page, "the site fetches nothing from elsewhere"

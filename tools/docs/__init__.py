@@ -1,0 +1,1 @@
+"""The documentation site: its pages are gathered from the repository, or written from the code."""
