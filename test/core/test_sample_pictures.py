@@ -76,7 +76,7 @@ def test_arrays_are_saved_as_they_are(sample: Sample, tmp_path: Path) -> None:
         stored = saved[f"<cam>/{each.modality}"]
         assert stored.dtype == each.data.dtype
         np.testing.assert_array_equal(stored, each.data)
-    np.testing.assert_array_equal(saved["<cam>/K"], [[5, 0, 1.5], [0, 5, 1], [0, 0, 1]])
+    np.testing.assert_array_equal(saved["<cam>/K"], np.array([[5, 0, 1.5], [0, 5, 1], [0, 0, 1]]))
 
 
 def test_pictures_are_saved_side_by_side(sample: Sample, tmp_path: Path) -> None:

@@ -83,9 +83,9 @@ def test_every_page_that_is_written_is_in_the_navigation() -> None:
 @pytest.mark.long
 def test_the_site_builds_strictly(tmp_path: Path) -> None:
     folder = Path(sys.prefix) / "docs"
-    command = [REPOSITORY / "tools" / "docs.sh", folder, "build", "--strict", "--quiet"]
+    command = [str(REPOSITORY / "tools" / "docs.sh"), str(folder), "build", "--strict", "--quiet"]
     built = subprocess.run(
-        [*command, "--site-dir", tmp_path / "site"],
+        [*command, "--site-dir", str(tmp_path / "site")],
         env={**os.environ, "PIP_NO_INPUT": "1"},
         capture_output=True,
         text=True,
