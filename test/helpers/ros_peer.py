@@ -28,8 +28,8 @@ from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
-from oaisys_ros_bridge.bags.finished_bag import open_finished
 from oaisys_ros_bridge.bags.info import repeats_of
+from oaisys_ros_bridge.bags.mcap_format.finished_bag import open_finished
 from oaisys_ros_bridge.bridge.status import SUBSCRIBERS
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.experiments.status import DIAGNOSTICS_DEPTH

@@ -15,9 +15,9 @@ import psutil
 from oaisys_core.system.owner import command_with_owner
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import losses_of
-from oaisys_ros_bridge.bags.message_definition import message_class
+from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class
+from oaisys_ros_bridge.bags.mcap_format.serialized_stamps import stamp_reader
 from oaisys_ros_bridge.bags.reading import BagReader
-from oaisys_ros_bridge.bags.serialized_stamps import stamp_reader
 
 SAMPLE_INFO = "/sample_info"
 

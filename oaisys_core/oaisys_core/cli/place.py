@@ -97,13 +97,13 @@ def _say_light(place: Georeference, body_radius_m: float | None, when: datetime)
     """Print where the sun, and from other bodies Earth, stands over the origin of ``map``."""
     from oaisys_core.config.sections.stage import body_name
     from oaisys_core.config.sections.sun import SunFromTimeConfig
-    from oaisys_core.procedural.environment.sun_in_map import map_axes, seen_over
+    from oaisys_core.procedural.environment.sun_in_map import map_axes, sight_over
 
     body = body_radius_m or 0.0
     axes = map_axes(SunFromTimeConfig(date_time=when), place, body)
     targets: tuple[Target, ...] = ("sun",) if body_name(body) == "earth" else ("sun", "earth")
     for target in targets:
-        seen = seen_over(axes, body, target, when)
+        seen = sight_over(axes, body, target, when)
         _say(
             f"{target:<17} elevation {degrees(seen.elevation_rad):.4f}°, azimuth in map"
             f" {degrees(seen.azimuth_rad):.4f}° from +x towards +y, distance"

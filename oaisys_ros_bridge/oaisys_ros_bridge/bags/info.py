@@ -8,11 +8,11 @@ from pathlib import Path
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.bags.finished_bag import FINISHED, FinishedBag, open_finished
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
-from oaisys_ros_bridge.bags.mcap_records import printable
+from oaisys_ros_bridge.bags.mcap_format.finished_bag import FINISHED, FinishedBag, open_finished
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import printable
+from oaisys_ros_bridge.bags.mcap_format.serialized_stamps import knows_twist
 from oaisys_ros_bridge.bags.reading import mcap_file
-from oaisys_ros_bridge.bags.serialized_stamps import knows_twist
 
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
 TF_TYPE = "tf2_msgs/msg/TFMessage"

@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from oaisys_ros_bridge.bags.message_definition import message_class
+from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class
 from oaisys_ros_bridge.bags.reading import topic_qos
 from oaisys_ros_bridge.bags.writing import RecordedTopic
 from oaisys_ros_bridge.namespaces import UNKNOWN_NODE

@@ -11,9 +11,9 @@ from mcap.records import Schema
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.files.documents import parse_yaml, read_text
-from oaisys_ros_bridge.bags.finished_bag import describe_topic, open_finished
-from oaisys_ros_bridge.bags.mcap_records import RecordFile
-from oaisys_ros_bridge.bags.salvage import salvage
+from oaisys_ros_bridge.bags.mcap_format.finished_bag import describe_topic, open_finished
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import RecordFile
+from oaisys_ros_bridge.bags.mcap_format.salvage import salvage
 from oaisys_ros_bridge.bags.writing import METADATA_FILE, RecordedTopic
 
 RELIABLE = ("reliable", 1)
@@ -56,7 +56,7 @@ class RecordedMessage:
 
     def _deserialize_earlier(self, kind: type[Any]) -> Any:
         """Return the message by the bag's own description of its type; None: it is no such one."""
-        from oaisys_ros_bridge.bags.earlier_types import decode_earlier  # needs ROS
+        from oaisys_ros_bridge.bags.mcap_format.earlier_types import decode_earlier  # needs ROS
 
         return None if self.schema is None else decode_earlier(self.data, self.schema, kind)
 

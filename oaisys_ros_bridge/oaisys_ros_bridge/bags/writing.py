@@ -19,8 +19,8 @@ import yaml
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
-from oaisys_ros_bridge.bags.mcap_writer import McapWriter
-from oaisys_ros_bridge.bags.message_definition import message_definition, type_hash
+from oaisys_ros_bridge.bags.mcap_format.mcap_writer import McapWriter
+from oaisys_ros_bridge.bags.mcap_format.message_definition import message_definition, type_hash
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9

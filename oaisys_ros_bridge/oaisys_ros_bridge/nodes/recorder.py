@@ -21,8 +21,8 @@ from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, is_moving_tf
 from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
-from oaisys_ros_bridge.bags.message_definition import message_class
-from oaisys_ros_bridge.bags.serialized_stamps import StampReader, stamp_reader
+from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class
+from oaisys_ros_bridge.bags.mcap_format.serialized_stamps import StampReader, stamp_reader
 from oaisys_ros_bridge.bags.topic_selection import (
     TopicSelection,
     describe_topic,

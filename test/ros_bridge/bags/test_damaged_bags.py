@@ -23,9 +23,9 @@ from tf2_msgs.msg import TFMessage
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_ros_bridge.bags.info import summary_of
 from oaisys_ros_bridge.bags.losses import BagLosses
-from oaisys_ros_bridge.bags.mcap_records import LARGEST_CHUNK_BYTES, RecordFile
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import LARGEST_CHUNK_BYTES, RecordFile
 from oaisys_ros_bridge.bags.reading import BagReader, recover
-from oaisys_ros_bridge.bags.recorded_samples import open_bag
+from oaisys_ros_bridge.bags.recorded.recorded_samples import open_bag
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.experiments.evaluation.bag_perturbations import frames_of_bag
 

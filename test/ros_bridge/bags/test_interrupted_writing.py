@@ -13,8 +13,8 @@ TRIALS = 60
 PROGRAM = f"""
 import sys
 from pathlib import Path
-from oaisys_ros_bridge.bags.finished_bag import open_finished
-from oaisys_ros_bridge.bags.mcap_writer import McapWriter
+from oaisys_ros_bridge.bags.mcap_format.finished_bag import open_finished
+from oaisys_ros_bridge.bags.mcap_format.mcap_writer import McapWriter
 
 for trial in range({TRIALS}):
     path = Path(sys.argv[1], f"{{trial}}.mcap")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, PoseTable, read_pose_table
-from oaisys_ros_bridge.bags.recorded_poses import read_recorded_poses
+from oaisys_ros_bridge.bags.recorded.recorded_poses import read_recorded_poses
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 QUATS = Rotation.from_euler("zyx", [[10, 20, 30], [-100, 5, 170], [80, -60, 1]], degrees=True)

@@ -28,7 +28,11 @@ from waiting import wait_until
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.losses import BagLosses
-from oaisys_ros_bridge.bags.message_definition import field_types, message_definition, type_hash
+from oaisys_ros_bridge.bags.mcap_format.message_definition import (
+    field_types,
+    message_definition,
+    type_hash,
+)
 from oaisys_ros_bridge.conversions import image_from_msg
 from oaisys_ros_bridge.nodes import recorder as recorder_module
 from oaisys_ros_bridge.nodes.recorder import RecorderNode

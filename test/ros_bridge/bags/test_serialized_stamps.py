@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from oaisys_core.types import Pose, Twist
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
-from oaisys_ros_bridge.bags.serialized_stamps import knows_twist, stamp_reader
+from oaisys_ros_bridge.bags.mcap_format.serialized_stamps import knows_twist, stamp_reader
 from oaisys_ros_bridge.motion import odometry_to_msg
 
 HEADER = Header(stamp=Time(sec=7, nanosec=890), frame_id="map")

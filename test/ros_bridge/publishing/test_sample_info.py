@@ -20,7 +20,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.sensing.faults import DepthFaults
 from oaisys_core.types import Pose, Provenance, Sample
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bags.message_definition import SEPARATOR, message_definition
+from oaisys_ros_bridge.bags.mcap_format.message_definition import SEPARATOR, message_definition
 from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
 

@@ -70,10 +70,10 @@ def sun_at(
         InvalidInputError: The body is another, there is no place, or no ephemeris.
     """
     axes = map_axes(config, georeference, body)
-    return seen_over(axes, body, "sun", when)
+    return sight_over(axes, body, "sun", when)
 
 
-def seen_over(axes: FloatArray, body: Body, target: Target, when: datetime) -> SeenBody:
+def sight_over(axes: FloatArray, body: Body, target: Target, when: datetime) -> SeenBody:
     """Return a target as it is seen over a place.
 
     Args:
@@ -123,7 +123,7 @@ def map_axes(
     axes = places.axes_on_body(georeference, flattening_of(body))
     if config.north_offset_deg is None:
         return axes
-    return turned_to_north(axes, config.north_offset_deg)
+    return turn_to_north(axes, config.north_offset_deg)
 
 
 def flattening_of(body: Body) -> float:
@@ -142,7 +142,7 @@ def axes_of_place(longitude_deg: float, latitude_deg: float, north_deg: float) -
     return _turned(east, np.cross(up, east), up, north_deg)
 
 
-def turned_to_north(axes: FloatArray, north_deg: float) -> FloatArray:
+def turn_to_north(axes: FloatArray, north_deg: float) -> FloatArray:
     """Return axes around the same vertical whose true north is ``north_deg`` from +y."""
     up = axes[2]
     longitude_deg, latitude_deg = degrees(atan2(up[1], up[0])), degrees(asin(up[2]))

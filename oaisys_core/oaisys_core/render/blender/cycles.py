@@ -130,7 +130,7 @@ class Cycles:
             denoising: See `Denoiser.denoise`.
             ground: Albedo without noise, where it is known.
             gains: Factors on red, green and blue for the white balance.
-            patch_m: Width of the ground's patches, see `shared_albedo`.
+            patch_m: Width of the ground's patches, see `share_albedo`.
 
         Raises:
             RenderError: The passes are missing, or denoising failed.

@@ -33,7 +33,7 @@ from oaisys_core.private.open_image_denoise import (
 )
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATERIAL_INDEX
 from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
-from oaisys_core.render.blender.materials.narrow_patches import MOST_SAMPLES, shared_albedo
+from oaisys_core.render.blender.materials.narrow_patches import MOST_SAMPLES, share_albedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.sensing.render_settings import RenderSettings
@@ -170,11 +170,11 @@ def denoise_image(
 def _shared(
     rendered: RenderResult, seen: Image, patch_m: float, samples: int
 ) -> tuple[Image, Image]:
-    """Return `shared_albedo` of ground that is no mirror."""
+    """Return `share_albedo` of ground that is no mirror."""
     is_ground = pass_of(rendered, MATERIAL_INDEX)[..., 0] == GROUND
     is_dull = _sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) <= 3 * MIRROR_SHARE
     depth_m = pass_of(rendered, DEPTH)[..., 0]
-    return shared_albedo(seen, depth_m, is_ground & is_dull, patch_m, samples)
+    return share_albedo(seen, depth_m, is_ground & is_dull, patch_m, samples)
 
 
 def _guides(

@@ -21,7 +21,7 @@ from oaisys_core.verification.light.scenes import (
     Ground,
     camera,
     dark,
-    lit_by_sky,
+    grey_sky,
     points_seen_m,
     sunny,
     world,
@@ -127,14 +127,14 @@ def _rough(renderer: Renderer) -> Iterator[LightFigure]:
 def _sky(renderer: Renderer) -> Iterator[LightFigure]:
     """A white furnace, and a sky that is brighter towards the horizon."""
     white = Ground(grey=255)
-    image = renderer.image(world(white, lit_by_sky(1.0, 1.0)), DOWN, 256)
+    image = renderer.image(world(white, grey_sky(1.0, 1.0)), DOWN, 256)
     yield LightFigure("white furnace", float(image.mean()), 1.0)
     for name, zenith, horizon, power in (
         ("a sky of 0.3 (zenith) to 1.0 (horizon)", 0.3, 1.0, 0.5),
         ("a sky of 1.0 (zenith) to 0.2 (horizon)", 1.0, 0.2, 0.5),
         ("the CIE's overcast sky", 1.0, 1 / 3, 1.0),
     ):
-        image = renderer.image(world(white, lit_by_sky(zenith, horizon, power)), DOWN, 256)
+        image = renderer.image(world(white, grey_sky(zenith, horizon, power)), DOWN, 256)
         expected = closed_forms.gradient_irradiance(zenith, horizon, power)
         yield LightFigure(f"irradiance of {name}", pi * float(image.mean()), expected)
 

@@ -55,7 +55,7 @@ def sunny(elevation_rad: float, diameter_rad: float = 0.0093, strength: float = 
     return _sky(elevation_rad, strength, diameter_rad, Gradient((0.0,) * 3, (0.0,) * 3), "none")
 
 
-def lit_by_sky(zenith: float, horizon: float, power: float = 0.5) -> Sky:
+def grey_sky(zenith: float, horizon: float, power: float = 0.5) -> Sky:
     """Return a grey sky without a sun; for the power see `Gradient`."""
     gradient = Gradient((zenith,) * 3, (horizon,) * 3, power=power)
     return _sky(0.5, 0.0, 0.0093, gradient, "plain")

@@ -19,7 +19,7 @@ from oaisys_core.procedural.environment.sun_in_map import (
     SeenBody,
     axes_of_place,
     map_axes,
-    seen_over,
+    sight_over,
     sun_at,
 )
 from oaisys_core.types import Georeference
@@ -130,7 +130,7 @@ def test_the_sun_of_the_moon_is_that_of_horizons(
 def test_discs_are_as_large_as_in_horizons() -> None:
     """1924.537 and 6585.038 seconds of arc, 2025-03-14 05:00 at the middle of the near side."""
     when, axes = datetime(2025, 3, 14, 5, tzinfo=UTC), axes_of_place(0.0, 0.0, 0.0)
-    sun, earth = (seen_over(axes, "moon", target, when) for target in ("sun", "earth"))
+    sun, earth = (sight_over(axes, "moon", target, when) for target in ("sun", "earth"))
     assert degrees(sun.angular_diameter_rad) * 3600 == pytest.approx(1924.537, abs=0.02)
     assert degrees(earth.angular_diameter_rad) * 3600 == pytest.approx(6585.038, abs=0.5)
 
@@ -144,7 +144,7 @@ def test_sun_and_earth_are_above_their_published_points_of_the_moon(
 ) -> None:
     """NASA's Scientific Visualization Studio, Moon phase and libration 2024, 1 January 00:00."""
     axes = axes_of_place(longitude_deg, latitude_deg, 0.0)
-    seen = seen_over(axes, "moon", target, datetime(2024, 1, 1, tzinfo=UTC))
+    seen = sight_over(axes, "moon", target, datetime(2024, 1, 1, tzinfo=UTC))
     assert degrees(seen.elevation_rad) > 90 - 0.006
 
 
@@ -164,7 +164,7 @@ HORIZONS_JEZERO = [
 @pytest.mark.parametrize(("hour", "elevation_deg"), HORIZONS_JEZERO)
 def test_the_sky_of_mars_is_that_of_horizons(hour: int, elevation_deg: float) -> None:
     axes = axes_of_place(77.4508, 18.6320, 0.0)
-    seen = seen_over(axes, "mars", "earth", datetime(2026, 8, 23, hour, tzinfo=UTC))
+    seen = sight_over(axes, "mars", "earth", datetime(2026, 8, 23, hour, tzinfo=UTC))
     assert degrees(seen.elevation_rad) == pytest.approx(elevation_deg, abs=0.002)
 
 
@@ -178,7 +178,7 @@ def test_the_sun_is_above_naifs_point_of_mars() -> None:
     seen = bodies["earth"].at(timescale.from_datetime(received)).observe(bodies["mars"])
     when = received - timedelta(days=float(seen.light_time))
     axes = axes_of_place(-175.810721536, 23.420819946, 0.0)
-    assert degrees(seen_over(axes, "mars", "sun", when).elevation_rad) > 90 - 0.01
+    assert degrees(sight_over(axes, "mars", "sun", when).elevation_rad) > 90 - 0.01
 
 
 def test_what_is_not_covered_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,7 +221,7 @@ def test_at_the_very_pole_longitudes_still_have_directions() -> None:
     """+y points along longitude 0, towards which Earth stands."""
     axes = map_axes(NOWHERE, lunar_tile(0.0, -90.0), "moon")
     np.testing.assert_allclose(axes, [[0, 1, 0], [1, 0, 0], [0, 0, -1]], atol=1e-6)
-    earth = seen_over(axes, "moon", "earth", datetime(2024, 1, 1, tzinfo=UTC))
+    earth = sight_over(axes, "moon", "earth", datetime(2024, 1, 1, tzinfo=UTC))
     assert degrees(earth.azimuth_rad) == pytest.approx(90, abs=0.1)
 
 

@@ -29,7 +29,7 @@ ACROSS, ALONG = np.full(5, 0.2, np.float32), np.array([0.2, 0.6, 0.2], np.float3
 """Weights of neighbours at about the same distance, and of those nearer and farther."""
 
 
-def shared_albedo(
+def share_albedo(
     albedo: Image, depth_m: Image, is_ground: NDArray[np.bool_], patch_m: float, samples: int
 ) -> tuple[Image, Image]:
     """Return albedo that neighbours share where patches are narrow, and how far they do.

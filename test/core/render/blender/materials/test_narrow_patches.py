@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core.render.blender.materials.narrow_patches import shared_albedo
+from oaisys_core.render.blender.materials.narrow_patches import share_albedo
 from oaisys_core.scene import PbrMaps, TerrainLayer, TerrainMaterial
 
 pytestmark = pytest.mark.blender
@@ -36,7 +36,7 @@ def test_far_away_neighbours_share_what_they_see(samples: int, own: float) -> No
     albedo, depth_m = grains().repeat(3, axis=2), plane()
     is_ground = np.ones(depth_m.shape, bool)
 
-    found, share = shared_albedo(albedo, depth_m, is_ground, PATCH_M, samples)
+    found, share = share_albedo(albedo, depth_m, is_ground, PATCH_M, samples)
 
     assert (found[NEAR_ROW:] == albedo[NEAR_ROW:]).all(), "nothing near gets blurred"
     assert (share[NEAR_ROW:] == 0).all()
@@ -51,8 +51,8 @@ def test_far_away_neighbours_share_what_they_see(samples: int, own: float) -> No
 def test_a_camera_on_its_side_shares_along_the_other_axis() -> None:
     albedo, depth_m = grains().repeat(3, axis=2), plane()
     is_ground = np.ones(depth_m.shape, bool)
-    upright, _ = shared_albedo(albedo, depth_m, is_ground, PATCH_M, 1)
-    turned, _ = shared_albedo(albedo.swapaxes(0, 1), depth_m.T, is_ground.T, PATCH_M, 1)
+    upright, _ = share_albedo(albedo, depth_m, is_ground, PATCH_M, 1)
+    turned, _ = share_albedo(albedo.swapaxes(0, 1), depth_m.T, is_ground.T, PATCH_M, 1)
     np.testing.assert_allclose(turned.swapaxes(0, 1), upright, atol=1e-6)
 
 
@@ -61,12 +61,12 @@ def test_things_and_their_edges_share_nothing() -> None:
     is_ground = np.ones(depth_m.shape, bool)
     depth_m[:, 100:200], is_ground[:, 100:200] = 3.0, False
 
-    found, share = shared_albedo(albedo, depth_m, is_ground, PATCH_M, 1)
+    found, share = share_albedo(albedo, depth_m, is_ground, PATCH_M, 1)
 
     assert (found[:, 100:200] == albedo[:, 100:200]).all()
     assert (share[NEAR_ROW:] == 0).all(), "a step of depth beside a thing is no slant"
     albedo[:, 100:200] = np.nan
-    finite, _ = shared_albedo(np.nan_to_num(albedo), depth_m, is_ground, PATCH_M, 1)
+    finite, _ = share_albedo(np.nan_to_num(albedo), depth_m, is_ground, PATCH_M, 1)
     assert (finite[:, 200:] == found[:, 200:]).all(), "nor does ground take anything of things"
 
 

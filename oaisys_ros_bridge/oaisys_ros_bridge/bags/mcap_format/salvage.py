@@ -12,8 +12,8 @@ from mcap.records import Channel, Message, Schema, Statistics
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_ros_bridge.bags.finished_bag import describe_topic, read_summary
-from oaisys_ros_bridge.bags.mcap_records import (
+from oaisys_ros_bridge.bags.mcap_format.finished_bag import describe_topic, read_summary
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import (
     MAGIC,
     DamagedRecordError,
     RecordFile,
@@ -23,7 +23,7 @@ from oaisys_ros_bridge.bags.mcap_records import (
     parse_record,
     printable,
 )
-from oaisys_ros_bridge.bags.message_definition import message_definition, type_hash
+from oaisys_ros_bridge.bags.mcap_format.message_definition import message_definition, type_hash
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic
 
 NOT_DESCRIBED = "topics that nothing describes"

@@ -8,8 +8,8 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
-from oaisys_ros_bridge.bags.message_definition import message_class, message_definition
-from oaisys_ros_bridge.bags.recorded_poses import DECODE_ERRORS
+from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class, message_definition
+from oaisys_ros_bridge.bags.recorded.recorded_poses import DECODE_ERRORS
 
 
 def decode_earlier(data: bytes, schema: Schema, kind: type[Any]) -> Any:

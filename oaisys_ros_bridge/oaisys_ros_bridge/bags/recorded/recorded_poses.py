@@ -19,9 +19,9 @@ from mcap_ros2.decoder import DecoderFactory
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses.records import FIELD, MAX_POSES, PoseSelection, PoseTable
 from oaisys_core.geometry import check_pose
-from oaisys_ros_bridge.bags.finished_bag import open_finished
+from oaisys_ros_bridge.bags.mcap_format.finished_bag import open_finished
 from oaisys_ros_bridge.bags.reading import files_of_bag
-from oaisys_ros_bridge.bags.recorded_transforms import (
+from oaisys_ros_bridge.bags.recorded.recorded_transforms import (
     StampedPose,
     TransformTree,
     poses_of_frame,

@@ -1,0 +1,1 @@
+"""What bags tell of a run: its poses, transforms and samples."""
