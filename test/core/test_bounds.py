@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.sections.sensors import CameraConfig, optics_bounds_px
+from oaisys_core.config.sections.sensing.cameras import CameraConfig, optics_bounds_px
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.raycast.clearance import MAX_EXTENTS

@@ -12,12 +12,8 @@ from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, Ro
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.config.sections.materials import LayerConfig, MaskConfig, MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
-from oaisys_core.config.sections.sensors import (
-    CameraConfig,
-    LensConfig,
-    SensorsConfig,
-    StereoConfig,
-)
+from oaisys_core.config.sections.sensing.cameras import CameraConfig, LensConfig, StereoConfig
+from oaisys_core.config.sections.sensing.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
 
 __all__ = [

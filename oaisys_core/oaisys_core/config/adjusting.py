@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.config.sections.sensors import CameraConfig
+from oaisys_core.config.sections.sensing.cameras import CameraConfig
 from oaisys_core.errors import InvalidInputError
 
 

@@ -38,7 +38,7 @@ from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
-from oaisys_core.config.sections.sensors import SensorsConfig
+from oaisys_core.config.sections.sensing.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig, body_name
 from oaisys_core.config.variants import VariantConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.config.sections.lidars import (
+from oaisys_core.config.sections.sensing.lidars import (
     MAX_RAYS,
     CsvScanConfig,
     LidarConfig,

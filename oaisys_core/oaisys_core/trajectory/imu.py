@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core import geometry, randomness
-from oaisys_core.config.sections.imu import ImuConfig
+from oaisys_core.config.sections.sensing.imu import ImuConfig
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.types import FloatArray, ImuInfo, ShortRepr
 

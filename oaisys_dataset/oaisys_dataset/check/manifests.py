@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.sections.lidars import LidarConfig
-from oaisys_core.config.sections.sensors import CameraConfig
+from oaisys_core.config.sections.sensing.cameras import CameraConfig
+from oaisys_core.config.sections.sensing.lidars import LidarConfig
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import is_rigid
 from oaisys_core.output.records import pose_from_record, provenance_from_record

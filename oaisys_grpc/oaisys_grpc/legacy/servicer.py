@@ -14,7 +14,7 @@ from typing import Any
 
 import grpc
 
-from oaisys_core.config.sections.sensors import PosePolicy
+from oaisys_core.config.sections.sensing.sensors import PosePolicy
 from oaisys_core.errors import InvalidInputError, OaisysError, QueueFullError
 from oaisys_core.importing.frames import rig_pose
 from oaisys_core.types import ModuleMetadata, Pose

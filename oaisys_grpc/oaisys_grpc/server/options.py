@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from oaisys_grpc.server.supervision.worker_limits import MEGABYTE
 
 if TYPE_CHECKING:  # they import gRPC and pydantic, which --help does not need
-    from oaisys_core.config.sections.sensors import PosePolicy
+    from oaisys_core.config.sections.sensing.sensors import PosePolicy
     from oaisys_grpc.tls import ServerTls
 
 GRACE_S = 30.0

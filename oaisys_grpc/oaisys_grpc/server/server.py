@@ -14,7 +14,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from oaisys_core.config import SimulationConfig
-from oaisys_core.config.sections.sensors import PosePolicy
+from oaisys_core.config.sections.sensing.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.signals import end_service_at_signals
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from oaisys_core.config.sections.lidars import LidarConfig
+from oaisys_core.config.sections.sensing.lidars import LidarConfig
 from oaisys_core.errors import ConfigError
 from oaisys_core.procedural.lidar_patterns import scan_pattern
 from oaisys_core.scene import ScanPattern

@@ -10,7 +10,7 @@ import pytest
 from synthetic_worlds import BOX, SPHERE, flat_world, rocky_world
 
 from oaisys_core.color import linear
-from oaisys_core.config.sections.lidars import RotatingScanConfig
+from oaisys_core.config.sections.sensing.lidars import RotatingScanConfig
 from oaisys_core.geometry import transform
 from oaisys_core.procedural.lidar_patterns import rotating
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern

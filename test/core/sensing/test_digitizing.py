@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.sections.image_sensor import ImageSensorConfig
+from oaisys_core.config.sections.sensing.image_sensor import ImageSensorConfig
 from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.sensing.digitizing import digitize, electrons_per_s, exposure_time_s

@@ -28,7 +28,7 @@ from oaisys_core.config.sections.render import (
     RenderConfig,
     SensorNoiseConfig,
 )
-from oaisys_core.config.sections.sensors import DistortionConfig, LensConfig, OpticsConfig
+from oaisys_core.config.sections.sensing.cameras import DistortionConfig, LensConfig, OpticsConfig
 from oaisys_core.config.sections.sun import SunFromTimeConfig as SunFromTime
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata

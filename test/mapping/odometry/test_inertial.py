@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config.sections.drive import DroneConfig
-from oaisys_core.config.sections.imu import ImuConfig
+from oaisys_core.config.sections.sensing.imu import ImuConfig
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.imu import imu_info, measure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from oaisys_core.config.sections.motion import (
+from oaisys_core.config.sections.sensing.motion import (
     AnyMotion,
     AroundTargetMotion,
     CsvMotion,

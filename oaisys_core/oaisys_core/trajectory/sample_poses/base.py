@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oaisys_core import geometry
-from oaisys_core.config.sections.motion import AnglesConfig, MotionConfig
+from oaisys_core.config.sections.sensing.motion import AnglesConfig, MotionConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray, Pose

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from oaisys_core import geometry
-from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
+from oaisys_core.config.sections.sensing.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
 from oaisys_core.trajectory.sample_poses.base import (

@@ -6,7 +6,7 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from oaisys_core.config.sections.motion import (
+from oaisys_core.config.sections.sensing.motion import (
     AroundTargetMotion,
     HoverMotion,
     LookAtMotion,

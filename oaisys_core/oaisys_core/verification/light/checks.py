@@ -9,7 +9,7 @@ from math import atan2, degrees, pi, radians, sin, tan
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.config.sections.image_sensor import ImageSensorConfig
+from oaisys_core.config.sections.sensing.image_sensor import ImageSensorConfig
 from oaisys_core.geometry import transform
 from oaisys_core.render.base import Backend
 from oaisys_core.scene import Lamp, PlacedCamera, Primitive, Scene

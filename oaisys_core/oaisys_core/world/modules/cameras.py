@@ -9,8 +9,8 @@ from math import radians
 from typing import Any
 
 from oaisys_core import geometry
-from oaisys_core.config.sections.lidars import LidarConfig
-from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
+from oaisys_core.config.sections.sensing.cameras import CameraConfig, OpticsConfig, optics_bounds_px
+from oaisys_core.config.sections.sensing.lidars import LidarConfig
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.render_settings import RenderSettings

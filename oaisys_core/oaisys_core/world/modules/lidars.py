@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from oaisys_core import geometry
-from oaisys_core.config.sections.lidars import LidarConfig
+from oaisys_core.config.sections.sensing.lidars import LidarConfig
 from oaisys_core.procedural.lidar_patterns import scan_pattern
 from oaisys_core.scene import LidarErrors, PlacedLidar, PoseAtTime
 from oaisys_core.types import FloatArray, LidarInfo, Pose

@@ -10,10 +10,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from oaisys_core import geometry
 from oaisys_core.config.expectations import refusal
-from oaisys_core.config.sections.faults import FaultsConfig
-from oaisys_core.config.sections.lidars import LidarConfig
-from oaisys_core.config.sections.motion import AnyMotion
-from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
+from oaisys_core.config.sections.sensing.cameras import CameraConfig
+from oaisys_core.config.sections.sensing.faults import FaultsConfig
+from oaisys_core.config.sections.sensing.lidars import LidarConfig
+from oaisys_core.config.sections.sensing.motion import AnyMotion
+from oaisys_core.config.sections.sensing.sensors import PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.raycast.clearance import HeightLookup, admit_pose
 from oaisys_core.scene import Ground, PlacedCamera, PlacedLidar, PoseAtTime

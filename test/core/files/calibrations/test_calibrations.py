@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config import config_from_mapping, load_config
-from oaisys_core.config.sections.sensors import CameraConfig
+from oaisys_core.config.sections.sensing.cameras import CameraConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.files.calibrations import read_calibration
 from oaisys_core.geometry import project

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.sections.lidars import RotatingScanConfig
+from oaisys_core.config.sections.sensing.lidars import RotatingScanConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations import Calibration, read_calibration
 from oaisys_core.files.calibrations.reading import read_robot_file

@@ -10,7 +10,7 @@ from blender_process import in_blender
 from synthetic_worlds import CENTRED, SPHERE, camera, flat_world, rocky_world
 
 from oaisys_core.color import linear
-from oaisys_core.config.sections.lidars import RotatingScanConfig
+from oaisys_core.config.sections.sensing.lidars import RotatingScanConfig
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down, transform
 from oaisys_core.procedural.lidar_patterns import rotating
 from oaisys_core.render.analytic import AnalyticBackend

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config.sections.drive import GRAVITY_M_S2, DroneConfig, OdometryDriftConfig
-from oaisys_core.config.sections.imu import ImuConfig
+from oaisys_core.config.sections.sensing.imu import ImuConfig
 from oaisys_core.drive.odometry_drift import OdometryDrift
 from oaisys_core.geometry import distances_along_m
 from oaisys_core.trajectory import Trajectory

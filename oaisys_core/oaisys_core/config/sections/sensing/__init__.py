@@ -1,0 +1,1 @@
+"""Configuration of the rig: its sensors, their faults and its motion."""
