@@ -18,17 +18,10 @@ Images = dict[str, NDArray[Any]]
 
 
 def both_ways(
-    config: Mapping[str, Any], presets: Sequence[str], modalities: Sequence[str]
-) -> dict[str, list[tuple[Images, Images]]]:
-    """Images of views of each preset, as samples give them and as Cycles' passes show them."""
-    simulation = Simulation(config_from_mapping(config))
-    return {preset: views(simulation, preset, modalities) for preset in presets}
-
-
-def views(
-    simulation: Simulation, preset: str, modalities: Sequence[str]
+    config: Mapping[str, Any], preset: str, modalities: Sequence[str]
 ) -> list[tuple[Images, Images]]:
-    """The two ways of seeing each view of one preset."""
+    """Images of views of a preset, as samples give them and as Cycles' passes show them."""
+    simulation = Simulation(config_from_mapping(config))
     simulation.step_batch(ModuleMetadata(custom={"stage": {"preset": preset}}))
     height_m = float(simulation.query_height([(0.0, 0.0, 0.0)]).surface_height_m[0])
     found = []
