@@ -230,6 +230,7 @@ PROMISED_INTERFACES = {
         "sample_id": "uint32",
         "stamp": "builtin_interfaces/Time",
         "render_time": "double",
+        "render_duration": "builtin_interfaces/Duration",
     },
     "srv.StepBatch.Request": {
         "seed": "int64",
@@ -245,7 +246,12 @@ PROMISED_INTERFACES = {
         "message": "string",
         "sample_ids": "sequence<uint32>",
     },
-    "action.Sweep.Feedback": {"index": "uint32", "total": "uint32", "render_time": "double"},
+    "action.Sweep.Feedback": {
+        "index": "uint32",
+        "total": "uint32",
+        "render_time": "double",
+        "render_duration": "builtin_interfaces/Duration",
+    },
 }
 
 

@@ -45,11 +45,13 @@ def render(
     poses_frame: PosesFrameOption = None,
     position: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Position of the rig in `map`, X Y Z in metres; with --look-at."),
+        typer.Option(
+            metavar="X Y Z", help="Position of the rig in `map`, in metres; with --look-at."
+        ),
     ] = None,
     look_at: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Point in `map` at which the rig looks, X Y Z in metres."),
+        typer.Option(metavar="X Y Z", help="Point in `map` at which the rig looks, in metres."),
     ] = None,
     metadata: Annotated[
         Path | None,

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from oaisys_core.types import FloatArray
 
@@ -94,7 +94,9 @@ def body_from_icrf(body: Literal["moon", "mars"], days: float) -> FloatArray:
     right_ascension, declination, meridian = _moon_deg(days) if body == "moon" else _mars_deg(days)
     turns_deg = (90 + right_ascension, 90 - declination, meridian)
     # Intrinsic turns carry the ICRF's axes into the body's.
-    return np.asarray(Rotation.from_euler("ZXZ", turns_deg, degrees=True).as_matrix().T)
+    # Loaded here: whoever checks a configuration needs none of it.
+    rotation = scipy.spatial.transform.Rotation
+    return np.asarray(rotation.from_euler("ZXZ", turns_deg, degrees=True).as_matrix().T)
 
 
 def _moon_deg(days: float) -> tuple[float, float, float]:
