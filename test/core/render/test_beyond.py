@@ -69,12 +69,21 @@ def world(**environment: Any) -> Simulation:
     return Simulation(config_from_mapping(config))
 
 
-@pytest.mark.parametrize("preset", sorted(PRESETS))
+SLOW = {"alpine", "badlands", "river_bed", "slab_dunes", "volcanic_field", "large_terrain"}
+"""Presets that take seconds to make."""
+
+ALL_PRESETS = [
+    pytest.param(preset, marks=pytest.mark.long if preset in SLOW else ())
+    for preset in sorted(PRESETS)
+]
+
+
+@pytest.mark.parametrize("preset", ALL_PRESETS)
 def test_every_ray_below_the_horizon_meets_ground_with_a_label(preset: str) -> None:
     rng = np.random.default_rng(3)
     simulation = world()
     simulation.step_batch(ModuleMetadata(custom={"stage": {"preset": preset}}))
-    for _ in range(8):
+    for _ in range(5):
         xy_m = rng.uniform(-0.95 * HALF_M, 0.95 * HALF_M, 2)
         z_m = simulation.query_height([(*xy_m, 0.0)]).surface_height_m[0] + rng.uniform(1.0, 3.0)
         pose = level(xy_m, z_m, rng.uniform(0.0, 2 * np.pi))
@@ -265,7 +274,7 @@ def horizon_roughness_px(simulation: Simulation, pose: Pose) -> float:
 PANORAMA = {"name": "camera", "width_px": 640, "height_px": 200, "fx_px": 541.14}
 
 
-@pytest.mark.parametrize("preset", sorted(PRESETS))
+@pytest.mark.parametrize("preset", ALL_PRESETS)
 def test_the_horizon_is_no_straight_line(preset: str) -> None:
     """Level views from 1.5 to 200 m above the stages of the demo's size."""
     config = WORLD | {

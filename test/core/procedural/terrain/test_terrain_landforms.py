@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,13 @@ from oaisys_core.types import FloatArray
 ROUGH = sorted(PRESETS.keys() - {"plane"})
 
 
+@cache
 def smooth_ground(preset: str, size_px: int = 257, seed: int = 0) -> tuple[np.ndarray, float]:
     rng = np.random.default_rng(seed)
     ground = make_ground(preset, 64.0, size_px, rng, roughness=0.0)
-    return ground.elevation_m.astype(float), ground.spacing_m
+    elevation_m = ground.elevation_m.astype(float)
+    elevation_m.flags.writeable = False
+    return elevation_m, ground.spacing_m
 
 
 def slopes_deg(elevation_m: np.ndarray, spacing_m: float) -> np.ndarray:

@@ -227,14 +227,14 @@ def test_a_grid_points_the_camera_down_however_it_is_mounted() -> None:
 
 def test_a_spline_goes_through_its_waypoints_at_one_speed() -> None:
     waypoints_m = [[-5, 0, 7], [0, 4, 8], [6, 0, 7], [2, -6, 8]]
-    motion = {"kind": "spline", "waypoints_m": waypoints_m, "step_m": 0.05, "is_closed": True}
-    way_m = places(samples(motion, 620))
+    motion = {"kind": "spline", "waypoints_m": waypoints_m, "step_m": 0.1, "is_closed": True}
+    way_m = places(samples(motion, 310))
     apart_m = np.linalg.norm(np.diff(way_m, axis=0), axis=1)
-    np.testing.assert_allclose(apart_m, 0.05, rtol=2e-3)
+    np.testing.assert_allclose(apart_m, 0.1, rtol=2e-3)
     for waypoint_m in waypoints_m:
-        assert np.linalg.norm(way_m - waypoint_m, axis=1).min() < 0.03
+        assert np.linalg.norm(way_m - waypoint_m, axis=1).min() < 0.055
     bends = np.diff(np.diff(way_m, axis=0), axis=0)
-    assert np.linalg.norm(bends, axis=1).max() < 0.003, "there is no corner, nor where it closes"
+    assert np.linalg.norm(bends, axis=1).max() < 0.012, "there is no corner, nor where it closes"
 
 
 def test_a_spline_may_look_along_itself_or_down_or_as_told() -> None:
