@@ -21,7 +21,7 @@ from oaisys_core.procedural.scatter.placement import (
     slope_deg,
 )
 from oaisys_core.procedural.scatter.plants.organ_sizes import CLASS_RATIO
-from oaisys_core.procedural.scatter.shapes import MATS, PLANTS, WITHOUT_ORGANS
+from oaisys_core.procedural.scatter.shapes import MATS, PLANTS
 from oaisys_core.procedural.scatter.spacing import (
     OccupiedPlaces,
     Spacing,
@@ -126,7 +126,7 @@ def size_classes_m(group: GroupConfig) -> FloatArray:
     `CLASS_RATIO` times as large; everything else has one class.
     """
     low, high = group.size_m
-    if group.shape not in PLANTS or group.shape in WITHOUT_ORGANS:
+    if group.shape not in PLANTS:
         return np.array([float(np.sqrt(low * high))])
     span = np.log(high / low)
     count = int(np.clip(np.ceil(span / np.log(CLASS_RATIO) - 1e-9), 1, MAX_CLASSES))

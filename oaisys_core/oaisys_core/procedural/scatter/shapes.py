@@ -20,9 +20,6 @@ SHAPES = ROCK_KINDS | PLANTS.keys() | VEHICLES.keys()
 MATS = frozenset({"meadow", "flower_meadow", "moss_cushion"})
 """Plants that are wider than high."""
 
-WITHOUT_ORGANS = frozenset({"dry_bush", "moss_cushion", "rosette"})
-"""Plants whose parts grow with them: bare twigs, cushions, and rosettes of succulents."""
-
 ROCK_DETAIL = ((1.3, 4), (0.3, 3), (0.1, 2), (0.0, 1))
 """Subdivisions of rocks by their largest size in metres."""
 

@@ -12,15 +12,24 @@ from numpy.typing import ArrayLike
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
 from oaisys_core.procedural.scatter.plants.fitting import PlantGenerator, fit_to_size
+from oaisys_core.procedural.scatter.plants.growth import GOLDEN_RAD, StemRule
+from oaisys_core.procedural.scatter.plants.growth import stems as grow
+from oaisys_core.procedural.scatter.plants.moss import moss_cushion
 from oaisys_core.procedural.scatter.plants.organ_sizes import MARGIN, ORGANS, inner
-from oaisys_core.procedural.scatter.plants.organs import LEAF_TRANSLUCENCY, Organs, add_kites
-from oaisys_core.procedural.scatter.rocks import icosphere
+from oaisys_core.procedural.scatter.plants.organs import (
+    LEAF_TRANSLUCENCY,
+    Organs,
+    add_kites,
+    add_stems,
+    mix_colors,
+)
 from oaisys_core.types import FloatArray
 
 UP = np.array((0.0, 0.0, 1.0))
 
-MAX_BLADES, MAX_LEAVES = 2000, 12_000
-"""Largest numbers of blades of a tuft and of leaves of a shrub, at any size."""
+MAX_BLADES, MAX_LEAVES, MAX_ROSETTES, MAX_TWIGS = 2000, 12_000, 50, 2000
+"""Largest numbers of blades of a tuft, leaves of a shrub, rosettes of a clump and twigs of a dry
+bush, at any size."""
 
 SHRUB_COVER = 0.8
 """Area of the leaves of a shrub of 1 m, in m²."""
@@ -30,7 +39,6 @@ FERN, FERN_TIP = (0.13, 0.26, 0.07), (0.32, 0.44, 0.14)
 LEAF, LEAF_OLD = (0.27, 0.36, 0.15), (0.45, 0.45, 0.22)
 SUCCULENT, SUCCULENT_TIP = (0.31, 0.42, 0.31), (0.52, 0.38, 0.30)
 BARK, DRY_WOOD = (0.26, 0.20, 0.15), (0.50, 0.42, 0.33)
-MOSS, MOSS_TOP = (0.22, 0.28, 0.09), (0.50, 0.56, 0.24)
 
 
 def grass_tuft(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
@@ -47,8 +55,8 @@ def grass_tuft(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBu
         spine = _arch(foot, azimuth, lean, rng.uniform(0.3, 1.1), length, 5)
         width = 0.5 * full_width * np.array((0.8, 1.0, 0.85, 0.55, 0.1))
         dry = rng.uniform() ** 3
-        tip = _mix(_shade(GRASS, rng), STRAW, 0.25 + 0.75 * dry)
-        foot_color = _mix(0.7 * np.array(GRASS), STRAW, 0.35 + 0.5 * dry)
+        tip = mix_colors(_shade(GRASS, rng), STRAW, 0.25 + 0.75 * dry)
+        foot_color = mix_colors(0.7 * np.array(GRASS), STRAW, 0.35 + 0.5 * dry)
         _leaf(parts, spine, width, _gradient(foot_color, tip, 5), rng.normal(0, 0.4))
     return parts
 
@@ -70,9 +78,12 @@ def fern(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
             np.zeros(3), azimuth, rng.uniform(0.35, 0.7), rng.uniform(0.7, 1.2), length, number
         )
         young = rng.uniform()
-        near, far = _mix(_shade(FERN, rng), FERN_TIP, 0.3 * young), _mix(FERN, FERN_TIP, young)
+        near, far = (
+            mix_colors(_shade(FERN, rng), FERN_TIP, 0.3 * young),
+            mix_colors(FERN, FERN_TIP, young),
+        )
         rib = spine[np.linspace(0, number - 1, 5).astype(int)]
-        parts.tube(rib, np.linspace(0.007, 0.002, 5), _mix(BARK, FERN, 0.6))
+        parts.tube(rib, np.linspace(0.007, 0.002, 5), mix_colors(BARK, FERN, 0.6))
         side = np.cross(_way(azimuth), UP)
         for k in range(number // 7, number):
             share = k / (number - 1)
@@ -87,31 +98,46 @@ def fern(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
                 middle = 0.55 * spine[k] + 0.45 * tip + 0.02 * reach * UP
                 left = np.array((spine[k] - 0.6 * broad, middle - broad, tip))
                 right = np.array((spine[k] + 0.6 * broad, middle + broad, tip))
-                colors = _gradient(near, _mix(near, far, share), 3)
+                colors = _gradient(near, mix_colors(near, far, share), 3)
                 parts.strip(left, right, colors, translucency=LEAF_TRANSLUCENCY)
     return parts
 
 
-def rosette(rng: np.random.Generator, _unit_m: float, _size_m: float) -> MeshBuilder:
-    """Return a rosette of thick, channelled leaves, the inner ones upright."""
+def rosette(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
+    """Return a rosette of thick, channelled leaves; a larger plant is a clump of rosettes."""
     parts = MeshBuilder()
+    leaf = ORGANS["rosette"]["leaf"]
+    longest_m = min(inner(leaf.length_m)[1], 0.5 * size_m)
+    share = min(2 * longest_m / size_m, 1.0)
+    rosettes = int(np.clip(1.3 / share**2, 1, MAX_ROSETTES))
+    for number in range(rosettes):
+        turn, distance = number * GOLDEN_RAD, np.sqrt(number / max(rosettes - 1, 1))
+        foot = 0.5 * (1 - share) * distance * _way(turn)
+        _add_rosette(parts, rng, foot, longest_m * rng.uniform(0.85, 1.0), unit_m)
+    return parts
+
+
+def _add_rosette(
+    parts: MeshBuilder, rng: np.random.Generator, foot: FloatArray, longest_m: float, unit_m: float
+) -> None:
+    """Add leaves around a foot, the inner ones upright and shorter."""
+    leaf = ORGANS["rosette"]["leaf"]
     leaves = 30
     for index in range(leaves):
         age = 1 - index / leaves
-        azimuth = index * np.pi * (3 - 5**0.5) + rng.normal(0, 0.08)
-        spine = _arch(
-            0.04 * _way(azimuth), azimuth, 0.2 + 1.1 * age, -0.35 * age, 0.35 + 0.65 * age, 6
-        )
-        width = 0.085 * (0.5 + 0.5 * age) * np.array((0.75, 0.95, 1.0, 0.85, 0.5, 0.02))
+        azimuth = index * GOLDEN_RAD + rng.normal(0, 0.08)
+        length_m = float(np.clip(longest_m * (0.35 + 0.65 * age), *inner(leaf.length_m)))
+        width_m = float(np.clip(0.2 * length_m, *inner(leaf.width_m)))
+        near = foot + 0.04 * longest_m / unit_m * _way(azimuth)
+        spine = _arch(near, azimuth, 0.2 + 1.1 * age, -0.35 * age, length_m / unit_m, 6)
         side = np.cross(_way(azimuth), UP)
-        rim = 0.35 * width[:, None] * UP
+        half = 0.5 * width_m / unit_m * np.array((0.75, 0.95, 1.0, 0.85, 0.5, 0.02))[:, None]
         green = _shade(SUCCULENT, rng)
-        colors = _gradient(0.75 * green, _mix(green, SUCCULENT_TIP, 0.3 + 0.5 * age), 6)
+        colors = _gradient(0.75 * green, mix_colors(green, SUCCULENT_TIP, 0.3 + 0.5 * age), 6)
         for sign in (-1.0, 1.0):
-            outer = spine + sign * width[:, None] * side + rim
+            outer = spine + half * _unit(sign * side + 0.35 * UP)
             left, right = (outer, spine) if sign < 0 else (spine, outer)
             parts.strip(left, right, colors)
-    return parts
 
 
 def shrub(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
@@ -128,42 +154,33 @@ def shrub(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder
         ways = (end - start) / np.linalg.norm(end - start) + rng.normal(0, 0.8, (count, 3))
         # Outer and upper leaves get more light; inner ones are older.
         outer = np.clip(np.linalg.norm(foot, axis=1) / 0.9, 0, 1)[:, None]
-        color = _mix(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform(size=(count, 1)) ** 2)
+        color = mix_colors(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform(size=(count, 1)) ** 2)
         color = (0.6 + 0.6 * outer) * color * rng.uniform(0.85, 1.15, (count, 1))
         organs = Organs(foot, ways, *leaf.draw(count, rng, unit_m), color)
         add_kites(parts, organs, rng)
     return parts
 
 
-def dry_bush(rng: np.random.Generator, _unit_m: float, _size_m: float) -> MeshBuilder:
-    """Return a bare bush of thin, crooked, bleached twigs."""
+def dry_bush(rng: np.random.Generator, unit_m: float, size_m: float) -> MeshBuilder:
+    """Return a bare bush of crooked, bleached branches, with thin twigs all over the outer ones."""
     parts = MeshBuilder()
-    twigs = _branches(rng, stems=8, forks=(3, 3, 2), length=0.36, spread=0.75, rise=0.22)
-    for start, end, level in twigs:
-        radius = 0.013 * 0.6**level
+    twig = ORGANS["dry_bush"]["twig"]
+    twigs = float(np.clip(220 * size_m**2, 120, MAX_TWIGS))
+    for start, end, level in _branches(
+        rng, stems=8, forks=(3, 3), length=0.36, spread=0.75, rise=0.22
+    ):
+        radius = 0.011 * 0.55**level
         middle = (start + end) / 2 + rng.normal(0, 0.06, 3) * np.linalg.norm(end - start)
-        color = _mix(_shade(BARK, rng), _shade(DRY_WOOD, rng), 0.3 + 0.23 * level)
-        parts.tube((start, middle, end), (radius, 0.8 * radius, 0.45 * radius), color)
-    return parts
-
-
-def moss_cushion(rng: np.random.Generator, _unit_m: float, _size_m: float) -> MeshBuilder:
-    """Return a low dome of many small heads."""
-    parts = MeshBuilder()
-    directions, triangles = icosphere(3)
-    heads = rng.normal(size=(180, 3))
-    heads /= np.linalg.norm(heads, axis=1, keepdims=True)
-    nearest = (directions @ heads.T).max(axis=1)
-    bump = np.clip((np.arccos(np.clip(nearest, -1, 1)) / 0.17), 0, 1)
-    lobes = rng.normal(size=(7, 3)) * (1.0, 1.0, 0.3)
-    swell = np.cos(directions @ lobes.T * 2.0 + rng.uniform(0, 6, 7)).mean(axis=1)
-    radius = (1 + 0.22 * swell) * (1 - 0.05 * bump**2)
-    points = directions * radius[:, None] * (0.5, 0.5, 0.24)
-    points[:, 2] = np.maximum(points[:, 2], -0.04) + 0.04
-    light = np.clip(1 - bump, 0, 1) ** 0.7 * (0.55 + 0.45 * np.clip(directions[:, 2], 0, 1))
-    patch = 0.5 + 0.5 * np.cos(directions @ rng.normal(size=3) * 3 + rng.uniform(0, 6))
-    top = _mix(np.array(MOSS_TOP), np.array((0.56, 0.52, 0.26)), 0.35 * patch[:, None])
-    parts.add(points, triangles, _mix(np.array(MOSS), top, light[:, None]))
+        color = mix_colors(_shade(BARK, rng), _shade(DRY_WOOD, rng), 0.3 + 0.23 * level)
+        parts.tube((start, middle, end), (radius, 0.8 * radius, 0.45 * radius), color, sides=4)
+        count = rng.poisson(twigs * (0, 0.25, 0.75)[level] / (1, 24, 72)[level])
+        feet = middle + rng.uniform(-0.2, 1.0, (count, 1)) * (end - middle)
+        ways = (end - start) / np.linalg.norm(end - start) + rng.normal(0, 0.7, (count, 3))
+        lengths, widths = twig.draw(count, rng, unit_m)
+        lengths = np.minimum(lengths, max(0.2 * size_m, inner(twig.length_m)[0]) / unit_m)
+        rule = StemRule(1, bend=0.2, wander=0.3, points=3, taper=0.5)
+        thin = grow(feet, ways, lengths, widths / 2, rule, rng)
+        add_stems(parts, thin, mix_colors(color, _shade(DRY_WOOD, rng), 0.6))
     return parts
 
 
@@ -228,13 +245,8 @@ def _unit(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 
-def _mix(first: ArrayLike, second: ArrayLike, share: ArrayLike) -> FloatArray:
-    first, second = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    return np.asarray(first + (second - first) * np.asarray(share))
-
-
 def _gradient(first: ArrayLike, last: ArrayLike, count: int) -> FloatArray:
-    return _mix(np.asarray(first), np.asarray(last), np.linspace(0, 1, count)[:, None])
+    return mix_colors(np.asarray(first), np.asarray(last), np.linspace(0, 1, count)[:, None])
 
 
 def _shade(color: ArrayLike, rng: np.random.Generator) -> FloatArray:

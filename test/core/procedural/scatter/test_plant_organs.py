@@ -12,7 +12,7 @@ from oaisys_core.procedural.scatter.groups import scatter_group, size_classes_m
 from oaisys_core.procedural.scatter.plants.organ_sizes import CLASS_RATIO, ORGANS, OrganSize
 from oaisys_core.procedural.scatter.plants.organs import SPREAD
 from oaisys_core.procedural.scatter.plants.species import WOODY
-from oaisys_core.procedural.scatter.shapes import PLANTS, WITHOUT_ORGANS, make_shape
+from oaisys_core.procedural.scatter.shapes import PLANTS, make_shape
 from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.types import FloatArray
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
@@ -28,18 +28,19 @@ GRAINS = 5
 """Corners of a grain in an ear, of which the reed's and the meadow's blades have more."""
 
 
-def organs_of(plant: MeshPrototype, size_m: float) -> list[FloatArray]:
+def organs_of(plant: MeshPrototype, size_m: float, *, opaque: bool = False) -> list[FloatArray]:
     """Return (N, C, 3) corners of organs in metres, by their number of corners.
 
-    Organs are what lets light through and hangs together.
+    Organs are what hangs together and lets light through, or all that hangs together.
     """
-    assert plant.translucency is not None
     a, b, c = plant.triangles.T
     count = len(plant.vertices_m)
     edges = coo_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, c])), shape=(count, count))
     _, part = connected_components(edges, directed=False)
     order = np.argsort(part, kind="stable")
-    order = order[plant.translucency[order] > 0]
+    if not opaque:
+        assert plant.translucency is not None
+        order = order[plant.translucency[order] > 0]
     _, first, corners = np.unique(part[order], return_index=True, return_counts=True)
     found = []
     for number in np.unique(corners):
@@ -60,7 +61,7 @@ def assert_within(values: FloatArray, limits: tuple[float, float], what: str) ->
 
 
 def test_every_plant_says_how_large_its_organs_are() -> None:
-    assert ORGANS.keys() | WITHOUT_ORGANS == PLANTS.keys()
+    assert ORGANS.keys() == PLANTS.keys()
     for organs in ORGANS.values():
         for organ in organs.values():
             for low_m, high_m in (organ.length_m, organ.width_m):
@@ -168,6 +169,64 @@ def test_petals_keep_their_sizes_in_meadows_of_any_width(size_m: float) -> None:
     petals = {each.shape[1]: each for each in organs_of(plant, size_m)}[5]
     petals = petals[np.linalg.norm(petals[:, 4] - petals[:, 0], axis=1) > 0]
     assert_within(distance(petals, 0, 4), ORGANS["flower_meadow"]["flower"].length_m, "petal")
+
+
+@pytest.mark.parametrize("size_m", [0.3, *SIZES_M])
+def test_succulents_dry_twigs_and_heads_of_moss_keep_their_sizes(size_m: float) -> None:
+    shapes = {
+        name: make_shape(name, np.random.default_rng(4), plant_m=size_m)
+        for name in ("rosette", "dry_bush", "moss_cushion")
+    }
+    for shown_m in (size_m * CLASS_RATIO**-0.5, size_m * CLASS_RATIO**0.5):
+        for name, corners, measure in (
+            ("rosette", 11, half_leaf_m),
+            ("dry_bush", 9, twig_m),
+            ("moss_cushion", 7, head_m),
+        ):
+            (size,) = ORGANS[name].values()
+            organs = organs_of(shapes[name], shown_m, opaque=True)
+            lengths_m, widths_m = measure(next(o for o in organs if o.shape[1] == corners))
+            assert_within(lengths_m, size.length_m, f"length, {name}")
+            assert_within(widths_m, size.width_m, f"width, {name}")
+    for plant in shapes.values():
+        assert len(plant.triangles) <= SHRUB_TRIANGLES
+
+
+def half_leaf_m(strips: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (N,) lengths of leaves of two strips along their midribs, and their widths.
+
+    Of each strip, one edge is the midrib and the other bulges: it is the longer one.
+    """
+    edges = [strips[:, [*range(first, first + 5), 10]] for first in (0, 5)]
+    lengths_m = [np.linalg.norm(np.diff(e, axis=1), axis=2).sum(axis=1) for e in edges]
+    across_m = np.linalg.norm(strips[:, 5:10] - strips[:, :5], axis=2).max(axis=1)
+    return np.minimum(*lengths_m), 2 * across_m
+
+
+def twig_m(tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (N,) lengths of tubes of three triangular rings, and thicknesses at the foot."""
+    rings = tubes.reshape(-1, 3, 3, 3)
+    middles = rings.mean(axis=2)
+    thickness_m = 2 * np.linalg.norm(rings[:, 0] - middles[:, :1], axis=2).mean(axis=1)
+    lengths_m = np.linalg.norm(np.diff(middles, axis=1), axis=2).sum(axis=1)
+    return lengths_m, thickness_m
+
+
+def head_m(cones: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (N,) heights of cones of six sides, and their widths."""
+    base = cones[:, :6].mean(axis=1)
+    heights_m = np.linalg.norm(cones[:, 6] - base, axis=1)
+    return heights_m, distance(cones, 0, 3)
+
+
+def test_larger_bushes_cushions_and_clumps_have_more_organs() -> None:
+    for name, corners in (("rosette", 11), ("dry_bush", 9), ("moss_cushion", 7)):
+        counts = []
+        for size_m in (0.5, 1.0, 2.0):
+            plant = make_shape(name, np.random.default_rng(4), plant_m=size_m)
+            organs = organs_of(plant, size_m, opaque=True)
+            counts.append(sum(len(o) for o in organs if o.shape[1] == corners))
+        assert counts[0] < counts[1] < counts[2], name
 
 
 def test_a_groups_plants_share_meshes_with_plants_of_about_their_size() -> None:

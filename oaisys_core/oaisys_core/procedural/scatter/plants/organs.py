@@ -258,6 +258,12 @@ def shades(
     return np.asarray(np.clip((first + (second - first) * share) * bright, 0.01, 1))
 
 
+def mix_colors(first: ArrayLike, second: ArrayLike, share: ArrayLike) -> FloatArray:
+    """Return colours between two; a share of 1 is the second."""
+    first, second = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    return np.asarray(first + (second - first) * np.asarray(share))
+
+
 def _add(
     parts: MeshBuilder,
     corners: FloatArray,
