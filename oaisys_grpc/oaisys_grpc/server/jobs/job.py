@@ -66,12 +66,14 @@ class Operation:
     """One job and how it stands; safe to use from any thread.
 
     Attributes:
+        number: Counts the operations of a queue in the order of their requests.
         reply: The worker's answer to a question.
     """
 
     job: Job
     status: OperationStatus
     deadline_s: float
+    number: int = 0
     reply: WorkerMessage | None = None
     cancelled: threading.Event = field(default_factory=threading.Event)
     _sample: SampleMessages | None = None

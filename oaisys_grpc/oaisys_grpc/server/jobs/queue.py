@@ -1,6 +1,7 @@
 """The queue of jobs for the worker, with a record of each operation.
 
-Jobs of one connection run in the order in which they came; connections take turns.
+Jobs of one connection run in the order in which they came; connections take turns. A sample waits
+for one batch of each other connection at most.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.contract.sample_messages import messages_from_bytes
 from oaisys_grpc.server.jobs.job import Durations, Job, Operation, SampleStore
+from oaisys_grpc.server.jobs.order import JobOrder
 from oaisys_grpc.server.jobs.turns import Turns
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
@@ -72,6 +74,7 @@ class OperationQueue:
         self._by_request: dict[str, list[Operation]] = {}
         self._count = 0
         self.turns = Turns()
+        self._order = JobOrder(self.turns)
         self._lock = threading.Condition()
         self._closed = False
         self._ending = threading.Event()
@@ -192,20 +195,10 @@ class OperationQueue:
             self._lock.wait_for(lambda: self._waiting or self._ending.is_set(), _WAKE_S)
             if not self._waiting:
                 return None
-            self._running, self._begun_s = self._first_of_next_peer(), time.monotonic()
+            operation = self._order.choose(self._waiting, self._count)
+            self._waiting.remove(operation)
+            self._running, self._begun_s = operation, time.monotonic()
             return self._running
-
-    def _first_of_next_peer(self) -> Operation:
-        """Remove and return the first operation of the connection whose turn it is.
-
-        No operation overtakes a batch that was requested before it.
-        """
-        batches = (i for i, o in enumerate(self._waiting) if o.job.kind is Kind.BATCH)
-        candidates = [*self._waiting][: next(batches, len(self._waiting)) or 1]
-        peer = self.turns.next(dict.fromkeys(o.job.peer for o in candidates))
-        operation = next(o for o in candidates if o.job.peer == peer)
-        self._waiting.remove(operation)
-        return operation
 
     def _run_operation(self, operation: Operation) -> None:
         """Have the worker do the job, and end the operation as that ends."""
@@ -257,7 +250,7 @@ class OperationQueue:
         self._count += 1
         name = f"operations/{self._instance}-{self._count}"
         status = OperationStatus(name, job.kind or Kind.SAMPLE)
-        operation = Operation(job, status, time.monotonic() + job.timeout_s)
+        operation = Operation(job, status, time.monotonic() + job.timeout_s, self._count)
         if job.kind is None:
             return operation
         self._known[name] = operation

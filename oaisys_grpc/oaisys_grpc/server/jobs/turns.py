@@ -45,13 +45,18 @@ class Turns:
         """Note that an answer was ended because its connection did not read it."""
         self._note(peer, Standing.UNREAD)
 
-    def next(self, peers: Collection[str]) -> str:
-        """Return which of some connections is next, the first ones first, and count its turn."""
+    def next(self, peers: Collection[str], others: Collection[str] = ()) -> str:
+        """Return which of some connections is next, the first ones first, and count its turn.
+
+        Args:
+            peers: Those that may be next.
+            others: Those that wait, too: their turns are not forgotten.
+        """
         with self._lock:
             turns = {p: [self._served.get(name, 0) for name in self._names(p)] for p in peers}
             chosen = min(turns, key=turns.__getitem__)
             self._count += 1
-            waiting = {name for peer in peers for name in self._names(peer)}
+            waiting = {name for peer in (*peers, *others) for name in self._names(peer)}
             self._served = {name: self._served.get(name, 0) for name in waiting}
             self._served.update(dict.fromkeys(self._names(chosen), self._count))
         return chosen

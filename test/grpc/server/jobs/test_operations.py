@@ -24,10 +24,10 @@ from oaisys_core.types import ModuleMetadata, Pose, Progress
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.faults import OvertakenError
-from oaisys_grpc.contract.operation import OperationStatus, State
+from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.server.jobs.job import MAX_SAMPLES, Operation
+from oaisys_grpc.server.jobs.job import MAX_SAMPLES, Job, Operation
 from oaisys_grpc.server.jobs.queue import QUEUE_BYTES, QUEUE_LIMIT, OperationQueue
 from oaisys_grpc.server.limits.slots import LIMITS, SHARE_OF_CONNECTION
 from oaisys_grpc.server.options import ServerOptions
@@ -294,6 +294,46 @@ def test_a_call_that_is_dropped_before_its_answer_leaves_no_work(method: str) ->
     finally:
         server.stop(None).wait()
     assert operations.get(kept.name).status.state is State.QUEUED
+
+
+def test_a_view_waits_for_one_batch_of_each_other_connection() -> None:
+    """Batches whose caller is gone are built, because it may know their names: in turns."""
+    options = ServerOptions(worker_log_folder=None)
+    supervisor = Supervisor(config_from_mapping(FLAT_WORLD), options, lambda _: None)
+    operations = OperationQueue(supervisor)
+
+    def submit(kind: Kind | None, peer: str) -> None:
+        operations.submit(Job(kind, "step", b"", PATIENCE_S, peer=peer))
+
+    def order() -> list[tuple[str, Kind | None]]:
+        jobs = []
+        while operations._waiting:
+            operation = operations._next()
+            assert operation is not None
+            jobs.append((operation.job.peer, operation.job.kind))
+        return jobs
+
+    for _ in range(20):
+        submit(Kind.BATCH, "gone")
+    for kind in (Kind.SAMPLE, None, Kind.SAMPLE):
+        submit(kind, "honest")
+    built = ("gone", Kind.BATCH)
+    assert order()[:6] == [
+        *(built, ("honest", Kind.SAMPLE)),
+        *(built, ("honest", None)),
+        *(built, ("honest", Kind.SAMPLE)),
+    ]
+
+    # Of one connection, and for each connection's first batch, the order of requests holds.
+    submit(Kind.BATCH, "a")
+    submit(Kind.BATCH, "b")
+    submit(Kind.BATCH, "a")
+    submit(Kind.SAMPLE, "a")
+    submit(Kind.SAMPLE, "c")
+    peers = order()
+    assert [peer for peer, kind in peers if kind is Kind.BATCH] == ["a", "b", "a"]
+    assert peers.index(("c", Kind.SAMPLE)) == 2
+    assert peers[-1] == ("a", Kind.SAMPLE)
 
 
 def test_a_deadline_ends_the_call_and_the_work(
