@@ -19,13 +19,11 @@ import pyarrow.parquet as pq
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, ShortRepr
+from oaisys_dataset.object_values import check_values, read_rows
 
 if TYPE_CHECKING:
     from oaisys_core.raycast.object_views import ObjectViews
     from oaisys_dataset.manifest import FrameRecord, WorldLegend
-
-MAX_BYTES = 1 << 31
-"""Largest table of one world that is read, before decompression and after it."""
 
 HASH_KEY = b"rows_sha256"
 
@@ -137,20 +135,14 @@ def decode_objects(file: bytes, name: str) -> pa.Table:
     """Return the table of a file's bytes; errors call it ``name``.
 
     Raises:
-        InvalidInputError: It is no such table, or too large.
+        InvalidInputError: It is no such table, too large, or has values that no world has.
     """
     try:
-        opened = pq.ParquetFile(pa.BufferReader(file))
-        groups = range(opened.metadata.num_row_groups)
-        size = sum(opened.metadata.row_group(group).total_byte_size for group in groups)
-        if max(size, len(file)) > MAX_BYTES:
-            raise InvalidInputError(name, f"{size} bytes", f"at most {MAX_BYTES} bytes of rows")
-        if not opened.schema_arrow.equals(SCHEMA):
-            expected = f"the columns {', '.join(SCHEMA.names)}"
-            raise InvalidInputError(name, ", ".join(opened.schema_arrow.names), expected)
-        return opened.read()
+        table = read_rows(file, name, SCHEMA)
     except (pa.ArrowException, OSError) as error:
         raise InvalidInputError(name, f"{len(file)} bytes", f"a Parquet file ({error})") from error
+    check_values(table, name)
+    return table
 
 
 def is_intact(table: pa.Table) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 from typing import Any
@@ -29,11 +30,11 @@ from object_worlds import (
 from scipy.spatial import ConvexHull
 from small_datasets import render_dataset
 
-from oaisys_core.errors import NotFoundError
+from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_dataset import Dataset, open_dataset
 from oaisys_dataset.check import check_dataset
 from oaisys_dataset.manifest import FrameRecord
-from oaisys_dataset.objects import COLUMNS, SCHEMA, ObjectRow, encode_objects
+from oaisys_dataset.objects import COLUMNS, SCHEMA, ObjectRow, decode_objects, encode_objects
 from oaisys_dataset.shards import objects_name
 
 VIEWS = 6
@@ -247,3 +248,51 @@ def test_the_check_finds_a_missing_table_and_passes_what_was_rendered(
     (tmp_path / "set" / objects_name(1)).unlink()
     (finding,) = check_dataset(tmp_path / "set", worlds_rebuilt=0).findings
     assert (finding.check, finding.subject) == ("objects", objects_name(1))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *((each, None) for each in ("label", "scale", "instance_id", "visible_share", "frame_id")),
+        *(("scale", each) for each in (0.0, -1.0, float("nan"), float("inf"), 1e300)),
+        *(("label", each) for each in ("a\x1b[31mb", "a\nb", "a\0b", "x" * 2000, "x" * 5000)),
+        *(("mesh_sha256", each) for each in ("../../../x", "", "g" * 64)),
+        *(("visible_px", each) for each in (-1, 2**62)),
+        *(("box_amodal_px", each) for each in ([0, 0, -1, 5], [-(2**62), 0, 5, 5])),
+        *(("size_m", each) for each in ([None] * 3, [-1.0, 1.0, 1.0])),
+        *(("T_camera_object", [[each] * 4] * 4) for each in (0.0, float("nan"), 1e300)),
+    ],
+)
+def test_rows_that_no_world_can_have_are_refused_where_they_are_read(
+    objects: Dataset, tmp_path: Path, name: str, value: Any
+) -> None:
+    assert objects.place.folder is not None
+    shutil.copytree(objects.place.folder, tmp_path / "set")
+    changed = open_dataset(tmp_path / "set")
+    changed_table(changed, name, lambda values: [*values[:-1], value], hashed=False)
+    with pytest.raises(InvalidInputError) as refused:
+        open_dataset(tmp_path / "set").objects(changed.records[0])
+    assert name in str(refused.value)
+    assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize(("rows", "text"), [(20, "x" * 1_000_000), (1_500_000, "")])
+def test_a_small_table_that_unfolds_to_gigabytes_is_refused(rows: int, text: str) -> None:
+    """A text that repeats, and rows that repeat, take a few bytes in a file."""
+
+    def repeat(kind: pa.DataType, count: int) -> pa.Array:
+        if pa.types.is_fixed_size_list(kind):
+            inner = repeat(kind.value_type, count * kind.list_size)
+            return pa.FixedSizeListArray.from_arrays(inner, kind.list_size)
+        value = pa.scalar(text if pa.types.is_string(kind) else 0, kind)
+        return pa.repeat(value, count)
+
+    part = pa.Table.from_arrays([repeat(field.type, 20) for field in SCHEMA], schema=SCHEMA)
+    file = io.BytesIO()
+    with pq.ParquetWriter(file, SCHEMA, compression="zstd") as writer:
+        writer.write_table(pa.concat_tables([part] * (rows // 20)), row_group_size=rows)
+    assert len(file.getvalue()) < 200_000
+    before = pa.total_allocated_bytes()
+    with pytest.raises(InvalidInputError, match="at most"):
+        decode_objects(file.getvalue(), "table")
+    assert pa.total_allocated_bytes() - before < 100 << 20
