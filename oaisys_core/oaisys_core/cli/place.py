@@ -116,6 +116,8 @@ def _dem(file: Path) -> DemConfig:
     from oaisys_core.config.sections.stage import DemConfig
 
     if file.suffix.lower() not in (".yaml", ".yml"):
+        if not file.is_file():
+            raise InvalidInputError("file", str(file), "an existing file, no device and no pipe")
         return DemConfig(file=file)
     dem = load_config(file).stage.dem
     if dem is None:

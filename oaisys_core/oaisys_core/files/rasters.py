@@ -81,6 +81,8 @@ def open_raster(
 
     data = read_file(source, use) if isinstance(source, Path) else source
     shown = name or str(source)
+    if not data:  # which rasterio would take for a file to write
+        raise use.refusal(shown, ValueError("it is empty"))
     _check_alone(data, use, shown)
     try:
         with (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 from oaisys_core.cli.main import app
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.stage import DemConfig
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import places
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.simulation import Simulation
@@ -170,3 +172,34 @@ def test_the_command_says_where_a_model_lies(tmp_path: Path) -> None:
     assert "sun               elevation" in at.output
     wrong = CliRunner().invoke(app, ["place", "info", str(path), "--to-map", "north"])
     assert wrong.exit_code != 0
+
+
+def _grid(**header: str) -> bytes:
+    whole = {"ncols": "2", "nrows": "2", "xllcorner": "0", "yllcorner": "0", "cellsize": "1"}
+    lines = [f"{key} {value}" for key, value in {**whole, **header}.items()]
+    return "\n".join([*lines, "1 2", "3 4", ""]).encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("empty.tif", b"", "it is empty"),
+        ("nan.asc", _grid(xllcorner="nan", cellsize="1e400"), "finite"),
+        ("no_file.tif", None, "existing file"),
+        ("pipe.tif", "pipe", "no pipe"),
+        ("device.tif", "device", "no device"),
+    ],
+)
+def test_the_command_refuses_what_is_no_elevation_model_in_a_sentence(
+    tmp_path: Path, name: str, content: bytes | str | None, said: str
+) -> None:
+    file = tmp_path / name
+    if content == "pipe":
+        os.mkfifo(file)
+    elif content == "device":
+        file.symlink_to("/dev/zero")
+    elif isinstance(content, bytes):
+        file.write_bytes(content)
+    result = CliRunner().invoke(app, ["place", "info", str(file)])
+    assert isinstance(result.exception, InvalidInputError)
+    assert said in str(result.exception)

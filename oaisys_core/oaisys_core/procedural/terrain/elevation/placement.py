@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from math import ceil, cos, radians
+from math import ceil, cos, isfinite, radians
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -72,7 +72,7 @@ def place_on_ground(
         InvalidInputError: The pixels' size is unknown, or they cannot be a ground.
     """
     if transform is not None:
-        _check_is_upright(transform, field)
+        _check_transform(transform, field)
     stated_m = _stated_pixel_m(height_m.shape, config)
     if stated_m is None and reference is not None and not reference.is_local:
         assert transform is not None
@@ -111,7 +111,10 @@ def _own_pixel_m(
     return sizes
 
 
-def _check_is_upright(transform: Affine, field: str) -> None:
+def _check_transform(transform: Affine, field: str) -> None:
+    if not all(map(isfinite, transform)) or 0 in (transform.a, transform.e):
+        expected = "corner and pixels' size in finite numbers, the size not 0"
+        raise InvalidInputError(f"{field}.file", tuple(transform)[:6], expected)
     if abs(transform.b) + abs(transform.d) > 1e-9 * (abs(transform.a) + abs(transform.e)):
         expected = "rows from west to east (gdalwarp turns a file)"
         raise InvalidInputError(f"{field}.file", tuple(transform)[:6], expected)
