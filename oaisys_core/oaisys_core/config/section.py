@@ -26,6 +26,19 @@ Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
 
+MAX_LABEL_LETTERS = 1000
+
+
+def _in_a_line(text: str) -> str:
+    if len(text) > MAX_LABEL_LETTERS or not text.isprintable():
+        limit = f"at most {MAX_LABEL_LETTERS} letters"
+        raise ValueError(f"expected text of {limit} in a line, without control characters")
+    return text
+
+
+LabelText = Annotated[str, AfterValidator(_in_a_line)]
+"""A label, which data sets and legends show in a line."""
+
 MAX_M = 1e7
 """Largest coordinate or size, up to which float32 is precise enough."""
 
@@ -140,7 +153,7 @@ class LabelConfig(Section):
         semantic_id: Its id; 0 means unlabelled.
     """
 
-    label: str
+    label: LabelText
     semantic_id: SemanticId
 
 
@@ -153,7 +166,7 @@ class Labelled(Section):
         levels: Labels on the levels from 1 on; further levels are unlabelled (0).
     """
 
-    label: str
+    label: LabelText
     semantic_id: SemanticId
     levels: tuple[LabelConfig, ...] = Field(default=(), max_length=MAX_LEVELS - 1)
 

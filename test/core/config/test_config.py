@@ -155,3 +155,21 @@ def test_a_truth_value_is_no_number(data: dict[str, Any], told: str) -> None:
     """YAML reads `yes` and `on` as true, which counted as 1."""
     with pytest.raises(ConfigError, match=told):
         config_from_mapping(data)
+
+
+@pytest.mark.parametrize(
+    ("section", "path"),
+    [
+        ('materials: {layers: [{texture: mud, label: "%s", semantic_id: 1}]}', "layers.0.label"),
+        ('assets: {rocks: [{kind: boulder, label: "%s", semantic_id: 3}]}', "rocks.0.label"),
+        ('environment: {sky_label: "%s", sky_semantic_id: 4}', "sky_label"),
+    ],
+)
+@pytest.mark.parametrize("label", [r"a\0b", r"a\eb", r"a\nb", "x" * 2000])
+def test_labels_that_no_data_set_can_hold_are_refused(
+    tmp_path: Path, section: str, path: str, label: str
+) -> None:
+    with pytest.raises(ConfigError, match="in a line, without control characters") as refused:
+        load_config(write(tmp_path, section % label))
+    assert path in str(refused.value)
+    assert len(str(refused.value)) < 500

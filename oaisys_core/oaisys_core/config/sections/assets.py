@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from oaisys_core.config.section import (
     MAX_M,
     Labelled,
+    LabelText,
     Position,
     Positive,
     Quaternion,
@@ -49,7 +50,7 @@ class RockGroupConfig(Labelled):
     variants: int = Field(default=24, ge=1, le=64)
     sink: tuple[float, float] = (0.15, 0.4)
     max_slope_deg: float = Field(default=40.0, ge=0, le=90)
-    label: str = "rock"
+    label: LabelText = "rock"
     semantic_id: SemanticId = 10
 
     @field_validator("count", "size_m", "sink")
@@ -92,7 +93,7 @@ class PrimitiveConfig(Labelled):
     size_m: Position
     position_m: Position
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    label: str = "target"
+    label: LabelText = "target"
     semantic_id: SemanticId = 20
     color_srgb: Vector3 = (0.6, 0.3, 0.2)
 

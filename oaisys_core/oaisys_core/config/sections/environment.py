@@ -14,6 +14,7 @@ from oaisys_core.config.section import (
     MAX_LEVELS,
     LabelConfig,
     Labelled,
+    LabelText,
     NotNegative,
     Positive,
     Range,
@@ -77,7 +78,7 @@ class HdriImageConfig(Labelled):
     strength: NotNegative | None = None
     rotation_deg: Turn | None = None
     labels_from: tuple[SkyLabelsConfig, ...] = ()
-    label: str = "sky"
+    label: LabelText = "sky"
     semantic_id: SemanticId = 0
 
 
@@ -222,7 +223,7 @@ class EnvironmentConfig(Section):
     clouds: CloudsConfig | None = None
     lamps: dict[LampName, LampConfig] = Field(default_factory=dict, max_length=MAX_LAMPS)
     sky_semantic_id: SemanticId = 0
-    sky_label: str = Field(default="sky", min_length=1)
+    sky_label: LabelText = Field(default="sky", min_length=1)
     sky_levels: tuple[LabelConfig, ...] = Field(default=(), max_length=MAX_LEVELS - 1)
     ground_beyond: bool = True
     ground_beyond_label: Labelled | None = None

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import Labelled, Positive
+from oaisys_core.config.section import Labelled, LabelText, Positive
 from oaisys_core.config.sections.density import Share
 
 Channel = Annotated[float, Field(ge=0, le=1)]
@@ -25,7 +25,7 @@ class WaterConfig(Labelled):
         wet_bank_m: Height above the level up to which the ground is wet and dark.
     """
 
-    label: str = "water"
+    label: LabelText = "water"
     level_m: float | None = None
     level_share: Share | None = None
     clarity_m: Positive = 0.6
