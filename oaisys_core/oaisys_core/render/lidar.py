@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.render.shading.photometry import to_source
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.scene import LidarErrors, PlacedLidar
 from oaisys_core.sensing.faults import CaptureId, generator
@@ -172,7 +173,11 @@ def _hits(
     normals = surface.normals(view)[:, 0]
     cos_incidence = np.abs(np.einsum("ni,ni->n", normals, view.directions[:, 0]))
     width_m = view.depth_m[:, 0] * lidar.beam_divergence_rad
-    return rays, Hits(view, normals, reflectance.at(view, width_m, surface), cos_incidence)
+    of_hits, law = reflectance.at(view, width_m, surface), surface.scene.material.law
+    if law is not None:
+        on_ground = view.is_ground[:, 0]
+        of_hits[on_ground] *= to_source(law, cos_incidence[on_ground])
+    return rays, Hits(view, normals, of_hits, cos_incidence)
 
 
 def _ray_returns(

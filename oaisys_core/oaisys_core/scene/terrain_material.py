@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.tiling import PlainTiling, Tiling
 from oaisys_core.types import FloatArray
@@ -130,6 +131,8 @@ class TerrainMaterial:
         wet_bank_m: Heights up to which the stage is wet and from which it is dry; None without
             water.
         is_lambertian: Whether the ground reflects by Lambert's law, whatever its roughness.
+        law: By which the ground reflects relative to Lambert's law; None for as it. Only with
+            ``is_lambertian``.
     """
 
     layers: tuple[TerrainLayer, ...]
@@ -142,6 +145,7 @@ class TerrainMaterial:
     land: LandMasks | None = None
     wet_bank_m: tuple[float, float] | None = None
     is_lambertian: bool = False
+    law: PhotometricLaw | None = None
 
     def weights_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N, L) bilinearly interpolated weights at (N, 2) points.

@@ -19,6 +19,7 @@ from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.render.lidar import beam, rays_in_map
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.scene import LidarErrors, PlacedLidar, ScanPattern, Scene
+from oaisys_core.scene.photometric_laws import LommelSeeliger
 from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.types import FloatArray, LidarScan
 from oaisys_core.world.modules.lidars import ConstantVelocity
@@ -299,3 +300,17 @@ def test_64_channels_of_1024_steps_take_a_tenth_of_a_second_of_processor_time() 
     assert len(scan.data) > 30_000
     load_factor = 3
     assert min(seconds) < 0.1 * load_factor
+
+
+def test_intensity_of_ground_follows_its_law() -> None:
+    """Lommel and Seeliger's law is as bright to its own light from all sides: (1 + cos 30°) / 2."""
+    material = replace(plain().material, is_lambertian=True)
+    by_law = replace(material, law=LommelSeeliger())
+    of_lambert, found = (
+        scanned(replace(plain(), material=each), lidar()).data for each in (material, by_law)
+    )
+    xyz = np.stack([found[axis] for axis in "xyz"], axis=-1)
+    down = TURNED[:3, :3].T @ (0.0, 0.0, -1.0)
+    incidence_cos = xyz @ down / np.linalg.norm(xyz, axis=-1)
+    expected = of_lambert["intensity"] * (1 + np.cos(np.pi / 6)) / (2 * incidence_cos)
+    np.testing.assert_allclose(found["intensity"], expected, rtol=1e-4)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from oaisys_core.render.blender import BlenderBackend
-from oaisys_core.verification.light.checks import LightFigure, figures
+from oaisys_core.verification.light.checks import figures
+from oaisys_core.verification.light.figures import LightFigure
 
 
 def light_figures() -> list[LightFigure]:

@@ -16,6 +16,7 @@ import bpy
 from oaisys_core.render.blender.materials.ground import GroundMaterials
 from oaisys_core.render.blender.materials.haze import set_haze
 from oaisys_core.render.blender.materials.images import ImageStore
+from oaisys_core.render.blender.materials.photometric import set_law
 from oaisys_core.scene.sky import Sky
 from oaisys_core.scene.terrain_material import TerrainMaterial
 
@@ -55,6 +56,7 @@ def _padded(material: TerrainMaterial, sky: Sky) -> _Padding:
         scene.collection.objects.link(each)
     ground = GroundMaterials(material, ImageStore(), has_tracks=True).stage
     set_haze(sky)
+    set_law(material.law, sky)
     mesh.materials.append(ground)
     return _Padding(ground)
 

@@ -248,6 +248,26 @@ class VariationConfig(Section):
     scale_m: Positive | None = None
 
 
+class HapkeConfig(Section):
+    """Hapke's law; the defaults are typical of the Moon in red light (Sato et al. 2014).
+
+    Attributes:
+        w: Albedo of single scattering; it forms the law, while the brightness is the textures'.
+        b: Width of both lobes of the phase function: 0 scatters alike in all directions.
+        c: Between the lobes: 1 scatters back to the sun, -1 forwards.
+        b0: Amplitude of the opposition surge; 0 for none.
+        h: Width of the surge, as the tangent of half the angle between sun and eye.
+        theta_bar_deg: Mean angle of slopes that are smaller than a pixel.
+    """
+
+    w: float = Field(default=0.32, gt=0, le=1)
+    b: float = Field(default=0.24, ge=0, lt=1)
+    c: float = Field(default=0.30, ge=-1, le=1)
+    b0: float = Field(default=1.8, ge=0, le=10)
+    h: float = Field(default=0.071, gt=0, le=10)
+    theta_bar_deg: float = Field(default=23.4, ge=0, le=60)
+
+
 class MaterialsConfig(Section):
     """The material of the ground: layers blended by masks.
 
@@ -265,6 +285,9 @@ class MaterialsConfig(Section):
         reflectance: With ``rough`` the blender backend's ground reflects as a surface of the
             textures' roughness (Oren-Nayar), which is brighter towards the light than by Lambert's
             law, and has a film of water or ice where it is smooth; with ``lambert`` by that law.
+            ``lommel_seeliger``, ``lunar_lambert`` (McEwen) and ``hapke`` are laws of powdery ground
+            without air, see docs/light.md.
+        hapke: Parameters of the law ``hapke``.
         variation: Slow change of colour.
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
@@ -284,7 +307,8 @@ class MaterialsConfig(Section):
     label_cell_m: float = Field(default=0.02, ge=0.001)
     displacement: Literal["bump", "geometry"] = "bump"
     projection: Literal["auto", "top", "sides"] = "auto"
-    reflectance: Literal["rough", "lambert"] = "rough"
+    reflectance: Literal["rough", "lambert", "lommel_seeliger", "lunar_lambert", "hapke"] = "rough"
+    hapke: HapkeConfig = HapkeConfig()
     variation: VariationConfig = VariationConfig()
     macro_variation: Share = 0.5
     texture_size_px: int = Field(default=1024, ge=16, le=8192)

@@ -163,16 +163,17 @@ class ColorRenderer:
         pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         self._aim(camera, pinhole, None)
-        # Haze is part of the materials' colours.
-        if scene.sky.haze is not None:
-            self._lights.set(replace(scene.sky, haze=None))
+        # Haze and the factor of a photometric law are part of the materials' colours.
+        is_plain = scene.sky.haze is None and scene.material.law is None
+        if not is_plain:
+            self._lights.set(replace(scene.sky, haze=None), None)
         sharp = replace(camera, shutter_share=0.0, exposure_s=0.0)
         try:
             with moving(self._camera, shutter_motion(sharp, pinhole, pinhole)):
                 found = self._cycles.render_albedo(settings, plan.sampling_s)
         finally:
-            if scene.sky.haze is not None:
-                self._lights.set(scene.sky)
+            if not is_plain:
+                self._lights.set(scene.sky, scene.material.law)
         self._check(found, camera, places)
         return camera_image(albedo_of(found), pinhole, camera.intrinsics)
 

@@ -249,7 +249,7 @@ class BlenderBackend(Backend):
     ) -> list[tuple[PlacedCamera, tuple[str, ...], RenderSettings]]:
         """Return which of a camera's colour modalities come from which of its renders, and how.
 
-        Albedo comes with colour where nothing blurs this or veils it, and time is not short.
+        Albedo comes with colour where nothing blurs, veils or scales this, and time is not short.
         """
         lit = tuple(each for each in camera.modalities if each in LIT)
         albedo = tuple(each for each in camera.modalities if each == ALBEDO)
@@ -258,7 +258,8 @@ class BlenderBackend(Backend):
         surface = self._require_built()
         # For albedo alone, too, so that it does not depend on what is rendered beside it.
         chosen = adapt(surface, camera, settings)
-        is_clear = camera.is_sharp and surface.scene.sky.haze is None
+        scene = surface.scene
+        is_clear = camera.is_sharp and scene.sky.haze is None and scene.material.law is None
         if is_clear and settings.time_budget_s is None:
             return [(camera, lit + albedo, chosen)]
         return [(camera, each, chosen) for each in (lit, albedo) if each]
@@ -307,7 +308,8 @@ class BlenderBackend(Backend):
         self.samples_per_pixel = min(samples, self.samples_per_pixel or samples)
 
     def _set_light(self, scene: Scene) -> None:
-        is_new_sky, are_new_lamps = self._lights.set(scene.sky), self._lamps.set(scene.lamps)
+        is_new_sky = self._lights.set(scene.sky, scene.material.law)
+        are_new_lamps = self._lamps.set(scene.lamps)
         if is_new_sky or are_new_lamps:
             self._colors.world_changed()
         kinds = tuple(lamp.kind for lamp in scene.lamps)

@@ -18,9 +18,11 @@ from oaisys_core.render.draft.parts import Parts
 from oaisys_core.render.draft.sun_light import SunLight
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
 from oaisys_core.render.shading.looks import THROUGH_LEAF, pixel_angle_rad
+from oaisys_core.render.shading.photometry import law_factors
 from oaisys_core.render.shading.shading import in_haze
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.types import FloatArray
 
 LIFT_M, LIFT_SHARE = 1e-4, 1.5e-5
@@ -50,6 +52,8 @@ PIXEL_FILTER = np.array((FILTER_SHARE, 1 - 2 * FILTER_SHARE, FILTER_SHARE), np.f
 
 UP = np.array([(0, 0, 1)], np.float32)
 
+Flags = NDArray[np.bool_]
+
 
 class Shaded(NamedTuple):
     """The colours of a view.
@@ -71,12 +75,17 @@ class Nearby(NamedTuple):
         to_eye: (N, 3) unit vectors.
         sun_share: (N,) of the sun's disc that they see.
         ground: (N, 3) radiance of the ground nearby.
+        is_ground: (N,) whether they are ground themselves.
+        of_sun, of_sky: (N,) reflectance of both, relative to the law of rough surfaces; None for 1.
     """
 
     points_m: FloatArray
     to_eye: Floats
     sun_share: Floats
     ground: Floats
+    is_ground: Flags
+    of_sun: Floats | None = None
+    of_sky: Floats | None = None
 
 
 class DraftRenderer:
@@ -197,7 +206,10 @@ class DraftRenderer:
             normalise(-view.directions.reshape(-1, 3).astype(np.float32)),
             sun_share.reshape(-1),
             level * (self._parts.ground.mean_albedo * np.float32(1 / pi)),
+            view.is_ground.reshape(-1),
         )
+        if scene.material.law is not None:
+            nearby = _with_law(scene.material.law, scene.sky, flat, nearby)
         image = self._reflect(scene, flat, nearby, sun)
         seen, missed = np.flatnonzero(is_hit), np.flatnonzero(~is_hit)
         if scene.lamps and len(seen):
@@ -222,14 +234,20 @@ class DraftRenderer:
         bend_cos = np.einsum("ij,ij->i", normal, look.smooth)
         direct = nearby.sun_share * bent_share(facing, look.smooth @ to_sun, bend_cos)
         image = law.radiance(facing, nearby.to_eye @ to_sun) * (direct[:, None] * sun)
+        if nearby.of_sun is not None:
+            image *= nearby.of_sun[:, None]
         free = self._parts.visibility.at(nearby.points_m)
         free[through > 0] *= np.float32(FREE_OF_LEAVES)
-        image += law.ambient() * self._ambient(normal, free, nearby.ground)
+        below = _ground_share(normal, bend_cos, free, nearby.is_ground)
+        ambient = law.ambient() * self._ambient(normal, free, below, nearby.ground)
+        image += ambient if nearby.of_sky is None else ambient * nearby.of_sky[:, None]
         leaves = np.flatnonzero(through)
         if len(leaves):
             behind = np.maximum(-facing[leaves], 0) * nearby.sun_share[leaves]
             light = behind[:, None] * (sun * np.float32(1 / pi))
-            light += self._ambient(-normal[leaves], free[leaves], nearby.ground[leaves])
+            back = -normal[leaves]
+            below = (1 - back[:, 2]) * np.float32(0.5)
+            light += self._ambient(back, free[leaves], below, nearby.ground[leaves])
             light *= look.albedo[leaves] * np.array(THROUGH_LEAF, np.float32)
             image[leaves] += through[leaves, None] * (light - image[leaves])
         return image
@@ -252,18 +270,41 @@ class DraftRenderer:
         flat = image.reshape(-1, 3)
         flat[found.pixels] += share * (seen - flat[found.pixels])
 
-    def _ambient(self, normal: Floats, free: Floats, ground: Floats) -> Floats:
+    def _ambient(self, normal: Floats, free: Floats, below: Floats, ground: Floats) -> Floats:
         """Return the (N, 3) irradiance over pi of sky and ground together.
 
         Args:
             normal: (N, 3) of the surfaces.
             free: (N,) share of the sky that they see.
+            below: (N,) share of their hemisphere in which they see ground below the horizon.
             ground: (N, 3) radiance of the ground nearby.
         """
-        below = (1 - normal[:, 2]) * np.float32(0.5)
+        above = (1 + normal[:, 2]) * np.float32(0.5)
         found = self._parts.sky.irradiance(normal) * (free * np.float32(1 / pi))[:, None]
-        found += (below + np.float32(HIDDEN_LIGHT) * (1 - below) * (1 - free))[:, None] * ground
+        found += (below + np.float32(HIDDEN_LIGHT) * above * (1 - free))[:, None] * ground
         return np.asarray(found)
+
+
+def _ground_share(normal: Floats, bend_cos: Floats, free: Floats, is_ground: Flags) -> Floats:
+    """Return the (N,) share of their hemisphere in which points see ground below the horizon.
+
+    Objects see level ground there. A slope sees other ground only where that hides something of
+    its hemisphere; what a texture bends away from the slope sees this slope.
+    """
+    half = np.float32(0.5)
+    below = (1 - normal[:, 2]) * half
+    there = np.minimum(below, (1 - bend_cos) * half + (1 - free))
+    return np.where(is_ground, there, below)
+
+
+def _with_law(law: PhotometricLaw, sky: Sky, look: Appearance, nearby: Nearby) -> Nearby:
+    """Return points with the factors of the ground's law; elsewhere these are 1."""
+    on_ground = np.flatnonzero(nearby.is_ground)
+    rays = -nearby.to_eye[on_ground]
+    found = law_factors(law, look.normal[on_ground], rays, sky.to_sun)
+    of_sun, of_sky = (np.ones(len(nearby.sun_share), np.float32) for _ in found)
+    of_sun[on_ground], of_sky[on_ground] = found
+    return nearby._replace(of_sun=of_sun, of_sky=of_sky)
 
 
 def _filter(image: Floats, view: View) -> Floats:

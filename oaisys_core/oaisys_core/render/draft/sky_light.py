@@ -51,6 +51,16 @@ class SkyLight:
         coefficients = basis.T @ radiance * np.float32(4 * pi / len(rays))
         bands = np.array([COSINE_LOBE[band] for band in (0, 1, 1, 1, 2, 2, 2, 2, 2)], np.float32)
         self._irradiance = (coefficients * bands[:, None]).astype(np.float32)
+        self._match_level_ground(rays, radiance)
+
+    def _match_level_ground(self, rays: FloatArray, radiance: Floats) -> None:
+        """Scale the irradiance so that it is exact on level ground.
+
+        Three bands miss a percent of a sky that is brighter towards the horizon.
+        """
+        exact = np.maximum(rays[:, 2], 0) @ radiance.astype(np.float64) * (4 * pi / len(rays))
+        found = self.irradiance(np.array([(0, 0, 1)], np.float32))[0]
+        self._irradiance *= np.where(found > 0, exact / np.maximum(found, 1e-12), 1)
 
     def irradiance(self, normals: Floats) -> Floats:
         """Return (N, 3) irradiance of surfaces with (N, 3) unit normals and a free view."""

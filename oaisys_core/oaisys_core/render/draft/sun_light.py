@@ -16,7 +16,11 @@ from oaisys_core.types import FloatArray
 EDGE_RAYS = 8
 """Rays to the disc where its share is neither none nor all."""
 
-GROWTH = 6
+BLOCK_PX = 2
+"""Edge of the square of pixels whose rays go to different points of the disc, so that together they
+see its share in finer steps."""
+
+GROWTH = 32
 """How often the pixels along the edges of shadows are extended while they are half in shadow."""
 
 GOLDEN_RAD = pi * (3 - sqrt(5))
@@ -29,7 +33,7 @@ class SunLight:
     def __init__(self, sky: Sky, surface: Surface) -> None:
         self._surface = surface
         self._to_sun = np.array(sky.to_sun)
-        self._disc = _disc(self._to_sun, sky.sun_angular_diameter_rad / 2)
+        self._discs = _discs(self._to_sun, sky.sun_angular_diameter_rad / 2)
 
     def share(self, starts_m: FloatArray, may_see: NDArray[np.bool_]) -> Floats:
         """Return the (H, W) share of the disc that is seen.
@@ -74,28 +78,39 @@ class SunLight:
             rows = np.flatnonzero(is_edge & is_left)
             if not len(rows):
                 break
-            flat[rows] = self._mean_share(starts_m[rows])
+            for disc, some in zip(self._discs, _by_place(rows, share.shape[1]), strict=True):
+                flat[some] = self._mean_share(starts_m[some], disc)
             is_left.reshape(-1)[rows] = False
             is_partly = np.zeros(share.shape, np.uint8)
             is_partly.reshape(-1)[rows] = (flat[rows] > 0) & (flat[rows] < 1)
             is_edge = cv2.dilate(is_partly, square) > 0
 
-    def _mean_share(self, starts_m: FloatArray) -> Floats:
-        """Return the (N,) shares of the disc that (N, 3) points see."""
+    def _mean_share(self, starts_m: FloatArray, disc: FloatArray) -> Floats:
+        """Return the (N,) shares of a disc's rays along which (N, 3) points see the sun."""
         seen = np.zeros(len(starts_m), np.float32)
-        for ray in self._disc:
+        for ray in disc:
             seen += ~self._surface.are_occluded_along(starts_m, ray)
         return np.asarray(seen / np.float32(EDGE_RAYS))
 
 
-def _disc(to_sun: FloatArray, radius_rad: float) -> FloatArray:
-    """Return the (EDGE_RAYS, 3) unit vectors to points that are spread evenly over the disc."""
+def _by_place(pixels: NDArray[np.intp], width_px: int) -> list[NDArray[np.intp]]:
+    """Return pixels, flat indices of an image, by their place in squares of `BLOCK_PX`."""
+    row, column = np.divmod(pixels, width_px)
+    place = row % BLOCK_PX * BLOCK_PX + column % BLOCK_PX
+    return [pixels[place == each] for each in range(BLOCK_PX**2)]
+
+
+def _discs(to_sun: FloatArray, radius_rad: float) -> FloatArray:
+    """Return (BLOCK_PX**2, EDGE_RAYS, 3) unit vectors to points spread evenly over the disc."""
     aside = np.array((0.0, 0.0, 1.0)) if abs(to_sun[2]) < 0.9 else np.array((1.0, 0.0, 0.0))
     right = np.cross(aside, to_sun)
     right /= np.linalg.norm(right)
     up = np.cross(to_sun, right)
+    places = BLOCK_PX**2
+    place = np.arange(places)[:, None]
     index = np.arange(EDGE_RAYS)
-    radius = sin(radius_rad) * np.sqrt((index + 0.5) / EDGE_RAYS)
-    turn = index * GOLDEN_RAD
-    offset = radius[:, None] * (np.cos(turn)[:, None] * right + np.sin(turn)[:, None] * up)
-    return normalise((to_sun + offset).astype(np.float32)).astype(np.float64)
+    radius = sin(radius_rad) * np.sqrt((index + (place + 0.5) / places) / EDGE_RAYS)
+    turn = index * GOLDEN_RAD + place * (2 * pi / places)
+    offset = radius[..., None] * (np.cos(turn)[..., None] * right + np.sin(turn)[..., None] * up)
+    rays = (to_sun + offset).reshape(-1, 3).astype(np.float32)
+    return normalise(rays).astype(np.float64).reshape(places, EDGE_RAYS, 3)

@@ -16,6 +16,7 @@ from oaisys_core.procedural.environment.light import (
 )
 from oaisys_core.raycast.surface import InstanceTable, Surface, View
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
+from oaisys_core.render.shading.photometry import law_factors
 from oaisys_core.scene import MeshMaterial, MeshPrototype, PbrMaps, Scene
 from oaisys_core.scene.sky import Haze, Sky, gradient_radiance, texels_at
 from oaisys_core.types import FloatArray
@@ -74,13 +75,21 @@ def shade(view: View, palette: Palette, surface: Surface) -> FloatArray:
     """Return the (H, W, 3) radiance of a view; 1 is white at 0 EV.
 
     It is albedo / π times the irradiance of sun, sky and lamps. The sky is a uniform hemisphere, of
-    which a vertical wall receives half.
+    which a vertical wall receives half. Ground with a photometric law has its factors for sun and
+    sky; lamps are as by Lambert's law.
     """
     scene, normals = surface.scene, surface.normals(view)
     sky = scene.sky
     sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
     sky_w_m2 = sky_irradiance_w_m2(sky) @ LUMINANCE * (1 + normals[..., 2]) / 2
     albedo, seen = palette.albedo(view, surface), view.is_hit
+    if scene.material.law is not None:
+        on_ground = view.is_ground
+        of_sun, of_sky = law_factors(
+            scene.material.law, normals[on_ground], view.directions[on_ground], sky.to_sun
+        )
+        sun_w_m2[on_ground] *= of_sun
+        sky_w_m2[on_ground] *= of_sky
     radiance = albedo * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
     if scene.lamps:
         lamps_w_m2 = lamp_irradiance_w_m2(scene.lamps, view.points_m[seen], normals[seen])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from math import atan2, degrees, pi, radians, sin, tan
 
 import numpy as np
@@ -12,11 +11,12 @@ from numpy.typing import NDArray
 from oaisys_core.config.sections.sensing.image_sensor import ImageSensorConfig
 from oaisys_core.geometry import transform
 from oaisys_core.render.base import Backend
-from oaisys_core.scene import Lamp, PlacedCamera, Primitive, Scene
+from oaisys_core.scene import Lamp, Primitive
 from oaisys_core.sensing.digitizing import digitize, electrons_per_s
-from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import MONO16, FloatArray
 from oaisys_core.verification.light import closed_forms
+from oaisys_core.verification.light.figures import LightFigure, Renderer
+from oaisys_core.verification.light.law_checks import photometric_laws
 from oaisys_core.verification.light.scenes import (
     Ground,
     camera,
@@ -27,9 +27,6 @@ from oaisys_core.verification.light.scenes import (
     world,
 )
 
-LIMIT = 0.01
-"""Largest relative error of radiance."""
-
 SUN = 4.0
 DOWN = camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0))
 NARROW = camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (8, 6), 200.0)
@@ -38,47 +35,6 @@ NARROW = camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (8, 6), 200.0)
 LAMP_W = 1000.0
 EDGE_M, SUN_DIAMETER_DEG, SUN_ELEVATION_DEG = 3.0, 3.0, 45.0
 """Height of the edge whose shadow is measured, and the sun that casts it."""
-
-
-@dataclass(frozen=True)
-class LightFigure:
-    """A measured figure and what a formula says.
-
-    Attributes:
-        name: What was measured.
-        measured, expected: In the unit that the name says; scene units if it says none.
-        limit: Largest relative error that is allowed.
-    """
-
-    name: str
-    measured: float
-    expected: float
-    limit: float = LIMIT
-
-    @property
-    def error(self) -> float:
-        """Relative error."""
-        return self.measured / self.expected - 1
-
-    @property
-    def is_met(self) -> bool:
-        """Whether the error is within the limit; a figure that is no number is not."""
-        return abs(self.error) <= self.limit
-
-
-class Renderer:
-    """Renders radiance images with a backend."""
-
-    def __init__(self, backend: Backend, quality: str) -> None:
-        self._backend = backend
-        self._quality = quality
-
-    def image(self, scene: Scene, view: PlacedCamera, samples: int) -> FloatArray:
-        """Return the (H, W) radiance in scene units, the mean of the bands, without bounces."""
-        self._backend.build(scene, lambda _: None)
-        settings = RenderSettings(self._quality, samples, 0, False, 0.0, 1)
-        (frame,) = self._backend.render_all([view], settings, lambda _: None)
-        return np.asarray(frame.data.astype(np.float64).mean(axis=-1))
 
 
 Check = Callable[[Renderer], Iterator[LightFigure]]
@@ -238,4 +194,13 @@ def _sensor(_: Renderer) -> Iterator[LightFigure]:
     yield LightFigure("four times the exposure time", float(ratio), 4.0)
 
 
-CHECKS: Sequence[Check] = (_lambert, _rough, _sky, _inverse_square, _cone, _penumbra, _sensor)
+CHECKS: Sequence[Check] = (
+    _lambert,
+    _rough,
+    photometric_laws,
+    _sky,
+    _inverse_square,
+    _cone,
+    _penumbra,
+    _sensor,
+)

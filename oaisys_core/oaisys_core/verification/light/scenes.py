@@ -19,6 +19,7 @@ from oaisys_core.scene import (
     TerrainLayer,
     TerrainMaterial,
 )
+from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.scene.sky import Gradient
 from oaisys_core.scene.terrain_material import Variation
 from oaisys_core.types import RADIANCE, FloatArray, PinholeIntrinsics
@@ -36,12 +37,14 @@ class Ground:
         slope_rad: By which it rises towards +x.
         roughness: Of its texture, as a byte.
         is_lambertian: Whether it reflects by Lambert's law.
+        law: By which it reflects relative to that; None for the same.
     """
 
     grey: int = 188
     slope_rad: float = 0.0
     roughness: int = 255
     is_lambertian: bool = True
+    law: PhotometricLaw | None = None
 
     @property
     def albedo(self) -> float:
@@ -83,6 +86,7 @@ def world(
         extent_m=field.extent_m,
         variation=Variation(brightness=0.0),
         is_lambertian=ground.is_lambertian,
+        law=ground.law,
     )
     return Scene(
         ground=field,
@@ -116,12 +120,17 @@ def camera(
 
 def points_seen_m(view: PlacedCamera, height_m: float = 0.0) -> FloatArray:
     """Return the (H, W, 3) points of the level plane at a height that the pixels look at."""
+    rays = rays_of(view)
+    eye_m = view.T_map_camera[:3, 3]
+    return np.asarray(eye_m + rays * ((height_m - eye_m[2]) / rays[..., 2:]))
+
+
+def rays_of(view: PlacedCamera) -> FloatArray:
+    """Return the (H, W, 3) directions in ``map``, of any length, that the pixels look along."""
     k = view.intrinsics
     u, v = np.meshgrid(np.arange(k.width_px), np.arange(k.height_px))
     rays = np.stack(((u - k.cx_px) / k.fx_px, (v - k.cy_px) / k.fy_px, np.ones(u.shape)), -1)
-    rays = rays @ view.T_map_camera[:3, :3].T
-    eye_m = view.T_map_camera[:3, 3]
-    return np.asarray(eye_m + rays * ((height_m - eye_m[2]) / rays[..., 2:]))
+    return np.asarray(rays @ view.T_map_camera[:3, :3].T)
 
 
 def _texture(ground: Ground) -> PbrMaps:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,12 @@ from oaisys_core.procedural.terrain.masks.relief import (
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
 from oaisys_core.procedural.terrain.surroundings.land_relief import ReliefAround
 from oaisys_core.scene import Ground, HeightField
+from oaisys_core.scene.photometric_laws import (
+    Hapke,
+    LommelSeeliger,
+    LunarLambert,
+    PhotometricLaw,
+)
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
 from oaisys_core.world.module import Metadata, Module, World, override, require
@@ -126,7 +133,8 @@ class MaterialsModule(Module):
             wet_bank_m=None
             if world.water is None
             else (world.water.level_m, world.water.level_m + world.water.wet_bank_m),
-            is_lambertian=config.reflectance == "lambert",
+            is_lambertian=config.reflectance != "rough",
+            law=_law(config),
         )
         if config.displacement == "geometry":
             _displace(world, material, layers)
@@ -136,6 +144,18 @@ class MaterialsModule(Module):
         world.material = material
         for layer in layers:
             world.semantic_labels.update(labels_of(layer.config))
+
+
+def _law(config: MaterialsConfig) -> PhotometricLaw | None:
+    if config.reflectance == "lommel_seeliger":
+        return LommelSeeliger()
+    if config.reflectance == "lunar_lambert":
+        return LunarLambert()
+    if config.reflectance == "hapke":
+        given = config.hapke
+        theta_bar_rad = radians(given.theta_bar_deg)
+        return Hapke(given.w, given.b, given.c, given.b0, given.h, theta_bar_rad)
+    return None
 
 
 def _masks(

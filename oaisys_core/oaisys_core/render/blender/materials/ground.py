@@ -33,6 +33,7 @@ from oaisys_core.render.blender.materials.layer_weights import (
     mask_place,
 )
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket, in_group
+from oaisys_core.render.blender.materials.photometric import by_law
 from oaisys_core.render.blender.materials.surfaces import (
     GROUND,
     new_material,
@@ -115,7 +116,7 @@ class GroundMaterials:
         # An image of the whole ground has no meaningful mean colour.
         has_mean = not any(layer.label_image is not None for layer in self._material.layers)
         if self._rims is None:
-            fines = self._mean_color(tree, NUDGE_M) if has_mean else None
+            fines = self._fines_color(tree) if has_mean else None
             surface, self._rims = with_rims(
                 tree, surface, fines, self._material.extent_m, self._has_tracks
             )
@@ -142,6 +143,13 @@ class GroundMaterials:
         self, level: MaterialLevel, weights: LayerWeights | None, tree: NodeTree
     ) -> Socket:
         return LevelNodes(tree, level, self._groups, weights).surface()
+
+    def _fines_color(self, tree: NodeTree) -> Socket:
+        color = self._mean_color(tree, NUDGE_M)
+        if self._material.law is None:
+            return color
+        color = color[:3] if isinstance(color, tuple) else color
+        return by_law(tree, color, tree.add("NewGeometry").outputs["Normal"])
 
     def _mean_color(self, tree: NodeTree, nudge_m: float = 0.0) -> Socket:
         """Return the mean colour of the layers, at a place that may be nudged: `NUDGE`."""

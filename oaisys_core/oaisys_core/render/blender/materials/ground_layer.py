@@ -12,6 +12,7 @@ from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.procedural.textures.normal_maps import FLAT, STEPS
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.render.blender.materials.photometric import by_law
 from oaisys_core.render.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.render.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.render.shading.looks import (
@@ -150,6 +151,8 @@ class LayerNodes:
             roughness = 0.0
         # Diffuse shaders normalise it.
         normal = tree.vector("ADD", self._normal, self._slope(detail, self._plane))
+        if self._level.material.law is not None:
+            color = by_law(tree, color, normal)
         surface, _ = diffuse(tree, color, roughness, normal)
         if maps.subsurface:
             below = tree.vector("MULTIPLY", color, BELOW_SURFACE)

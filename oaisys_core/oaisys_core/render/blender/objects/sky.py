@@ -14,8 +14,10 @@ from oaisys_core.render.blender.compat import SKY_SCALE, node_tree_of, set_up_sk
 from oaisys_core.render.blender.materials.haze import clear_share, set_haze
 from oaisys_core.render.blender.materials.images import new_image
 from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
+from oaisys_core.render.blender.materials.photometric import set_law
 from oaisys_core.render.blender.objects.clouds import before_sky
 from oaisys_core.render.shading.shading import MIN_UP
+from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.scene.sky import Color, Haze, Hdri, Sky, SkyImage
 
 MIN_DISC_RAD = 1e-4
@@ -176,12 +178,15 @@ class Lights:
         bpy.context.scene.collection.objects.link(self._sun)
         self._background = Background()
         self._sky: Sky | None = None
+        self._law: PhotometricLaw | None = None
 
-    def set(self, sky: Sky) -> bool:
-        """Take over a sky; return whether it differs from the one before."""
-        if sky == self._sky:
+    def set(self, sky: Sky, law: PhotometricLaw | None) -> bool:
+        """Take over a sky and the ground's law; return whether they differ from those before."""
+        if sky == self._sky and law == self._law:
             return False
-        self._sky = sky
+        if law is not None or self._law is not None:
+            set_law(law, sky)
+        self._sky, self._law = sky, law
         self._sun.rotation_mode = "QUATERNION"
         self._sun.rotation_quaternion = Vector(sky.to_sun).to_track_quat("Z", "Y")
         lamp: Any = self._sun.data

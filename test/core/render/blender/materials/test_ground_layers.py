@@ -13,6 +13,7 @@ from blender_process import in_blender
 from synthetic_worlds import SUNNY
 
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
+from oaisys_core.scene.photometric_laws import Hapke
 from oaisys_core.scene.sky import Haze
 from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 from oaisys_core.scene.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
@@ -100,11 +101,14 @@ def test_cycles_stack_has_room_for_any_number_of_layers() -> None:
     turned, shifted = voronoi_tiling(1.0, 0.3, rng), stochastic_tiling(1.0, rng)
     few = [material(2, each) for each in (PlainTiling(), turned, shifted)]
     many = [material(4, turned), material(4, shifted), material(16, PlainTiling())]
+    law = Hapke(0.32, 0.24, 0.3, 1.8, 0.071, 0.4)
+    many.append(replace(few[0], is_lambertian=True, law=law))
     hazy = replace(SUNNY, haze=Haze((0.01, 0.02, 0.03)))
 
     of_plain, of_turned, of_shifted = used = in_blender("stack.stack_use", few, hazy)
     assert max(used) < STACK // 2, used
     bounds = [min(least + 24, STACK // 2 - 1) for least in (of_turned, of_shifted, of_plain)]
-    assert in_blender("stack.keeps_at_most", many, bounds, hazy) == [True, True, True], used
+    bounds.append(bounds[-1])
+    assert in_blender("stack.keeps_at_most", many, bounds, hazy) == [True] * 4, used
     none = [least - 1 for least in used]
     assert in_blender("stack.keeps_at_most", few, none, hazy) == [False, False, False]
