@@ -14,6 +14,7 @@ from oaisys_core.procedural.environment.light import sun_color
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
 from oaisys_core.render.draft.diffuse import RoughDiffuse, bent_share
+from oaisys_core.render.draft.ground_nearby import Flags, ground_share, light_around
 from oaisys_core.render.draft.parts import Parts
 from oaisys_core.render.draft.sun_light import SunLight
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
@@ -38,9 +39,6 @@ HIDDEN_LIGHT = 0.5
 FREE_OF_LEAVES = 0.75
 """Share of the sky that leaves leave to each other."""
 
-AROUND_SHARE = 12
-"""The light of surfaces nearby is a mean over this part of the picture's width."""
-
 FILTER_SHARE = 0.1
 """Share of its light that a pixel gives to each neighbour, in both directions."""
 
@@ -51,8 +49,6 @@ PIXEL_FILTER = np.array((FILTER_SHARE, 1 - 2 * FILTER_SHARE, FILTER_SHARE), np.f
 
 
 UP = np.array([(0, 0, 1)], np.float32)
-
-Flags = NDArray[np.bool_]
 
 
 class Shaded(NamedTuple):
@@ -123,7 +119,7 @@ class DraftRenderer:
 
         surface.each_band(shape, look_at)
         sun_share = self._sun_shares(surface, view, look, distance_m)
-        light = sun_share, _around(view, look, sun_share, scene.sky)
+        light = sun_share, light_around(view, look, sun_share, scene.sky)
         image = np.empty((*shape, 3), np.float32)
 
         def shade(rows: slice) -> None:
@@ -238,7 +234,7 @@ class DraftRenderer:
             image *= nearby.of_sun[:, None]
         free = self._parts.visibility.at(nearby.points_m)
         free[through > 0] *= np.float32(FREE_OF_LEAVES)
-        below = _ground_share(normal, bend_cos, free, nearby.is_ground)
+        below = ground_share(normal, bend_cos, free, nearby.is_ground)
         ambient = law.ambient() * self._ambient(normal, free, below, nearby.ground)
         image += ambient if nearby.of_sky is None else ambient * nearby.of_sky[:, None]
         leaves = np.flatnonzero(through)
@@ -285,18 +281,6 @@ class DraftRenderer:
         return np.asarray(found)
 
 
-def _ground_share(normal: Floats, bend_cos: Floats, free: Floats, is_ground: Flags) -> Floats:
-    """Return the (N,) share of their hemisphere in which points see ground below the horizon.
-
-    Objects see level ground there. A slope sees other ground only where that hides something of
-    its hemisphere; what a texture bends away from the slope sees this slope.
-    """
-    half = np.float32(0.5)
-    below = (1 - normal[:, 2]) * half
-    there = np.minimum(below, (1 - bend_cos) * half + (1 - free))
-    return np.where(is_ground, there, below)
-
-
 def _with_law(law: PhotometricLaw, sky: Sky, look: Appearance, nearby: Nearby) -> Nearby:
     """Return points with the factors of the ground's law; elsewhere these are 1."""
     on_ground = np.flatnonzero(nearby.is_ground)
@@ -329,15 +313,3 @@ def _distances_m(view: View) -> Floats:
     """Return the (H, W) distances from the eye, 0 where nothing was hit."""
     length = np.sqrt(np.einsum("ijk,ijk->ij", view.directions, view.directions))
     return np.asarray(np.where(view.is_hit, view.depth_m, 0.0) * length, np.float32)
-
-
-def _around(view: View, look: Appearance, sun_share: Floats, sky: Sky) -> Floats:
-    """Return (H, W) how much of the sun's light surfaces nearby in the picture get."""
-    is_ground = view.is_ground.astype(np.float32)
-    facing = np.maximum(look.smooth @ np.array(sky.to_sun, np.float32), 0)
-    size = max(view.depth_m.shape[1] // AROUND_SHARE, 3)
-    lit = cv2.blur(facing * sun_share * is_ground, (size, size))
-    # Where hardly any ground is nearby, as in the rest of the picture.
-    mean = np.float32((facing * sun_share * is_ground).mean() / max(is_ground.mean(), 1e-6))
-    little = np.float32(0.02)
-    return np.asarray((lit + little * mean) / (cv2.blur(is_ground, (size, size)) + little))
