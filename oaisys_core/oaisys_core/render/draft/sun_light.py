@@ -20,7 +20,7 @@ BLOCK_PX = 2
 """Edge of the square of pixels whose rays go to different points of the disc, so that together they
 see its share in finer steps."""
 
-GROWTH = 32
+GROWTH = 12
 """How often the pixels along the edges of shadows are extended while they are half in shadow."""
 
 GOLDEN_RAD = pi * (3 - sqrt(5))
