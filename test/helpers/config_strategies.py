@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.config.sections.materials import LayerConfig
+from oaisys_core.config.sections.layers import LayerConfig
 from oaisys_core.errors import ConfigError
 from oaisys_core.procedural.scatter.shapes import SHAPES
 from oaisys_core.procedural.terrain.presets import PRESETS

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.config.sections.materials import LookConfig
+from oaisys_core.config.sections.layers import LookConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.scatter.shapes import SHAPES

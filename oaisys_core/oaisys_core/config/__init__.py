@@ -10,7 +10,8 @@ from oaisys_core.config.loading import (
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig
-from oaisys_core.config.sections.materials import LayerConfig, MaskConfig, MaterialsConfig
+from oaisys_core.config.sections.layers import LayerConfig
+from oaisys_core.config.sections.materials import MaskConfig, MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensing.cameras import CameraConfig, LensConfig, StereoConfig
 from oaisys_core.config.sections.sensing.sensors import SensorsConfig

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from oaisys_core.config import SimulationConfig
-from oaisys_core.config.sections.materials import LookConfig
+from oaisys_core.config.sections.layers import LookConfig
 from oaisys_core.config.worlds import contradictions, possible_configs
 from oaisys_core.errors import BackendUnavailableError, ConfigError, InvalidInputError
 from oaisys_core.procedural.environment.hdri import images_of, read_radiance

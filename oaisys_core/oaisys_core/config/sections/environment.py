@@ -23,7 +23,7 @@ from oaisys_core.config.section import (
     Within,
 )
 from oaisys_core.config.sections.lamps import MAX_LAMPS, LampConfig, LampName
-from oaisys_core.config.sections.materials import LabelImageConfig
+from oaisys_core.config.sections.layers import LabelImageConfig
 from oaisys_core.config.sections.sun import SunFromTimeConfig
 from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
 from oaisys_core.scene.sky import SkyModel

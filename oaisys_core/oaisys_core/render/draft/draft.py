@@ -13,10 +13,10 @@ from oaisys_core.procedural.contact_map import stage_ground
 from oaisys_core.procedural.environment.light import sun_color
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
-from oaisys_core.render.draft.diffuse import RoughDiffuse, bent_share
-from oaisys_core.render.draft.ground_nearby import Flags, ground_share, light_around
-from oaisys_core.render.draft.parts import Parts
-from oaisys_core.render.draft.sun_light import SunLight
+from oaisys_core.render.draft.light.diffuse import RoughDiffuse, bent_share
+from oaisys_core.render.draft.light.ground_nearby import Flags, ground_share, light_around
+from oaisys_core.render.draft.light.sun_light import SunLight
+from oaisys_core.render.draft.objects.parts import Parts
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
 from oaisys_core.render.shading.looks import THROUGH_LEAF, pixel_angle_rad
 from oaisys_core.render.shading.photometry import law_factors

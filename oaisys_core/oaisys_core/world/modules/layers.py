@@ -10,12 +10,8 @@ from math import radians
 import numpy as np
 
 from oaisys_core import randomness
-from oaisys_core.config.sections.materials import (
-    LayerConfig,
-    LookConfig,
-    MaterialsConfig,
-    PoolConfig,
-)
+from oaisys_core.config.sections.layers import LayerConfig, LookConfig
+from oaisys_core.config.sections.materials import MaterialsConfig, PoolConfig
 from oaisys_core.errors import InvalidInputError, one_of, quote
 from oaisys_core.procedural.textures import (
     TEXTURES,

@@ -13,7 +13,8 @@ from pydantic import Field
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.layer_conditions import ConditionConfig
-from oaisys_core.config.sections.materials import LayerConfig, MaterialsConfig
+from oaisys_core.config.sections.layers import LayerConfig
+from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.terrain.displacement import displace
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern

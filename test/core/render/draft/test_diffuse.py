@@ -5,7 +5,7 @@ from math import acos, pi, sqrt
 import numpy as np
 import pytest
 
-from oaisys_core.render.draft.diffuse import RoughDiffuse
+from oaisys_core.render.draft.light.diffuse import RoughDiffuse
 from oaisys_core.types import FloatArray
 
 UP = np.array((0.0, 0.0, 1.0))

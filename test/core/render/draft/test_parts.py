@@ -15,11 +15,11 @@ from oaisys_core.procedural.environment.light import (
     sky_irradiance_w_m2,
 )
 from oaisys_core.raycast.surface import Surface
-from oaisys_core.render.draft.rock_texture import box_weights
-from oaisys_core.render.draft.sky_light import SkyLight
-from oaisys_core.render.draft.texture_atlas import TextureAtlas
-from oaisys_core.render.draft.visibility import SkyVisibility
-from oaisys_core.render.draft.water import fresnel
+from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.ground.water import fresnel
+from oaisys_core.render.draft.light.sky_light import SkyLight
+from oaisys_core.render.draft.light.visibility import SkyVisibility
+from oaisys_core.render.draft.objects.rock_texture import box_weights
 from oaisys_core.scene import HeightField
 from oaisys_core.scene.sky import SkyModel
 from oaisys_core.sensing.view_transforms import FILMS, show

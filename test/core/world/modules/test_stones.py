@@ -12,7 +12,8 @@ from pydantic import ValidationError
 
 from oaisys_core import randomness
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.sections.materials import LayerConfig, MaterialsConfig
+from oaisys_core.config.sections.layers import LayerConfig
+from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.textures.label_image import label_stones

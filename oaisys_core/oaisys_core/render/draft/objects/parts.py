@@ -7,12 +7,12 @@ from typing import TypeVar, cast
 
 from oaisys_core.procedural.contact_map import MAX_TRACKS, contact_map, has_rim, stage_ground
 from oaisys_core.raycast.surface import Surface
-from oaisys_core.render.draft.ground_normals import GroundNormals
-from oaisys_core.render.draft.ground_texture import GroundTexture
-from oaisys_core.render.draft.object_look import ObjectLook
-from oaisys_core.render.draft.sky_light import SkyLight
-from oaisys_core.render.draft.visibility import SkyVisibility
-from oaisys_core.render.draft.water import WaterMirror
+from oaisys_core.render.draft.ground.ground_normals import GroundNormals
+from oaisys_core.render.draft.ground.ground_texture import GroundTexture
+from oaisys_core.render.draft.ground.water import WaterMirror
+from oaisys_core.render.draft.light.sky_light import SkyLight
+from oaisys_core.render.draft.light.visibility import SkyVisibility
+from oaisys_core.render.draft.objects.object_look import ObjectLook
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import Scene, Sky
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.draft.appearance import Floats, normalise
-from oaisys_core.render.draft.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
 from oaisys_core.render.shading.looks import IOR
 from oaisys_core.render.shading.ripples import (
     MAX_SLOPE,

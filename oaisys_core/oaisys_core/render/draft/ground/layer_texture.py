@@ -13,7 +13,7 @@ from oaisys_core.procedural.textures.borders import MAX_HEIGHT, MIN_HEIGHT
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.procedural.textures.normal_maps import FLAT, STEPS
 from oaisys_core.render.draft.appearance import Floats
-from oaisys_core.render.draft.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from oaisys_core.procedural.terrain.detail import DetailedGround
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.draft.appearance import Floats, normalise
-from oaisys_core.render.draft.object_meshes import interpolate_normals, vertex_normals
-from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.render.draft.ground.texture_atlas import sample
+from oaisys_core.render.draft.objects.object_meshes import interpolate_normals, vertex_normals
 from oaisys_core.scene import FarGround, Ground, HeightField
 from oaisys_core.types import FloatArray, TriangleMesh
 

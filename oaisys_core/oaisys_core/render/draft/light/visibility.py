@@ -10,7 +10,7 @@ import numpy as np
 from oaisys_core.procedural.contact_map import stage_ground
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.render.draft.appearance import Floats
-from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.types import FloatArray
 
 MAX_PX, LEAST_M = 1024, 0.02

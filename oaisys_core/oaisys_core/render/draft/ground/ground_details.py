@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import ContactMap
 from oaisys_core.render.draft.appearance import Floats
-from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.shading.looks import (
     DARK_FROM,
     DARKEST,

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.render.draft.texture_atlas import Floats, sample
+from oaisys_core.render.draft.ground.texture_atlas import Floats, sample
 from oaisys_core.scene.terrain_material import TerrainMaterial
 from oaisys_core.types import FloatArray
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.render.draft.appearance import Floats
-from oaisys_core.render.draft.object_meshes import LINEAR
-from oaisys_core.render.draft.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.objects.object_meshes import LINEAR
 from oaisys_core.render.shading.looks import BOX_BLEND, ROCK_BUMP_M
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PbrMaps

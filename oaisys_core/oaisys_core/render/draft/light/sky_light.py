@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from oaisys_core.procedural.environment import atmosphere
 from oaisys_core.procedural.environment.light import plain_radiance, sun_color
 from oaisys_core.render.draft.appearance import Floats
-from oaisys_core.render.draft.texture_atlas import sample
+from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.shading.shading import MIN_UP, in_haze
 from oaisys_core.scene.sky import Sky, gradient_radiance, texels_at
 from oaisys_core.types import FloatArray

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from oaisys_core.color import linear
 from oaisys_core.raycast.surface import InstanceTable, Surface, View
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
-from oaisys_core.render.draft.ground_texture import GroundTexture
-from oaisys_core.render.draft.object_meshes import Instances, ObjectMeshes
-from oaisys_core.render.draft.rock_texture import RockTexture
+from oaisys_core.render.draft.ground.ground_texture import GroundTexture
+from oaisys_core.render.draft.objects.object_meshes import Instances, ObjectMeshes
+from oaisys_core.render.draft.objects.rock_texture import RockTexture
 from oaisys_core.render.shading.ground_contact import ContactGround
 from oaisys_core.render.shading.looks import (
     CONTACT,

@@ -22,10 +22,10 @@ from oaisys_core.procedural.textures.borders import (
 )
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
-from oaisys_core.render.draft.ground_details import add_contact, darken_wet
-from oaisys_core.render.draft.ground_masks import GroundMasks
-from oaisys_core.render.draft.layer_texture import LayerLook, LayerTexture, Levels
-from oaisys_core.render.draft.texture_atlas import TextureAtlas, sample
+from oaisys_core.render.draft.ground.ground_details import add_contact, darken_wet
+from oaisys_core.render.draft.ground.ground_masks import GroundMasks
+from oaisys_core.render.draft.ground.layer_texture import LayerLook, LayerTexture, Levels
+from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas, sample
 from oaisys_core.render.shading.looks import (
     ALONG_BEDS,
     BED_CONTRAST,

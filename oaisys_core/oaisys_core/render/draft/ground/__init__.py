@@ -1,0 +1,1 @@
+"""What the ground looks like in drafts: layers, masks, normals, water."""

@@ -1,0 +1,1 @@
+"""The light of drafts: sun, sky and what the ground sends back."""
