@@ -20,12 +20,14 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
+from oaisys_core.cli.help_texts import add_examples, epilog_of, grouped
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.system.shortages import shortage
 from oaisys_core.system.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.system.standard_streams import printable
 
 COMMAND_GROUP = "oaisys.commands"
+PROGRAM = "oaisys"
 PLAIN_HELP = None
 """Plain help instead of rich's tables, which are too narrow at 80 columns."""
 
@@ -58,6 +60,19 @@ class _InstalledCommands(_Commands):
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(_commands_by_name())
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands in groups."""
+        names = self.list_commands(ctx)
+        widest = max(map(len, names), default=0)
+        for title, group in grouped(names).items():
+            rows = [
+                (f"{name:<{widest}}", command.short_help or "")
+                for name in group
+                if (command := self.get_command(ctx, name)) is not None
+            ]
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; for an unknown choice of an option, suggest a similar one."""
@@ -101,6 +116,7 @@ def _load(entry: EntryPoint) -> Any:
     command = typer.main.get_command(target)
     command.name = entry.name
     _summarise(command)
+    add_examples(command, f"{PROGRAM} {entry.name}")
     return command
 
 
@@ -132,7 +148,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(no_args_is_help=True)
+@app.callback(no_args_is_help=True, epilog=epilog_of(PROGRAM))
 def _configure(
     verbose: Annotated[
         int, typer.Option("--verbose", "-v", count=True, help="Log progress; twice for details.")
@@ -168,7 +184,7 @@ def run_program() -> NoReturn:
 def main() -> None:
     """Run the command line and exit: 0 done, 1 the job failed, 2 the input was wrong."""
     try:
-        typer.main.get_command(app).main(prog_name="oaisys")
+        typer.main.get_command(app).main(prog_name=PROGRAM)
     except (InvalidInputError, ConfigError) as error:
         sys.exit(_report(error, EXIT_INVALID_INPUT))
     except OaisysError as error:
