@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 
+from oaisys_core.cli.help_texts import EXAMPLES
 from oaisys_core.cli.main import app
 
 HEAD = """# Commands in full
@@ -31,6 +32,8 @@ def _sections(command: Any, parent: Any, name: str) -> Iterator[str]:
     yield inspect.cleandoc(command.help or "") + "\n"
     usage = " ".join(command.collect_usage_pieces(context))
     yield f"```text\n{name_of(context)} {usage}\n```\n"
+    if example := EXAMPLES.get(name_of(context)):
+        yield f"```bash\n{example}\n```\n"
     yield from _options(command, context)
     for part in _parts(command, context):
         yield from _sections(part, context, part.name)

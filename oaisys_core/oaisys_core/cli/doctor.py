@@ -27,8 +27,6 @@ def doctor(
 
     `!!` marks what the simulator needs, `--` what only some of its parts need. Exit code 1 if
     something that it needs is missing.
-
-    Example: oaisys doctor --json
     """
     from oaisys_core.system.machine_checks import examine_machine
 

@@ -50,7 +50,7 @@ EXAMPLES: Mapping[str, str] = {
         f"oaisys dataset render {_CONFIG}/dataset.yaml --worlds 20 --out out/dataset"
     ),
     "oaisys dataset repeat": "oaisys dataset repeat out/dataset 0",
-    "oaisys doctor": "oaisys doctor",
+    "oaisys doctor": "oaisys doctor --json",
     "oaisys drive": f"oaisys drive --config {_CONFIG}/rover_drive.yaml --out out/drive",
     "oaisys drive plan": f"oaisys drive plan {_CONFIG}/rover_drive.yaml --out out/drive.csv",
     "oaisys evaluate": "oaisys evaluate --mesh out/survey/mesh.ply --truth out/survey/truth.ply",
@@ -58,7 +58,7 @@ EXAMPLES: Mapping[str, str] = {
     "oaisys heights": f"oaisys heights --config {_CONFIG}/mountain.yaml --out out/heights.tif",
     "oaisys live": f"oaisys live --config {_CONFIG}/world_mars.yaml",
     "oaisys place": "oaisys place info out/elevation.tif",
-    "oaisys place info": "oaisys place info out/elevation.tif",
+    "oaisys place info": "oaisys place info out/elevation.tif --to-map 7.6586,45.9763",
     "oaisys record": "oaisys record --out out/bag",
     "oaisys render": "oaisys render --position -8 -6 6 --look-at 0 0 0 --out out/view",
     "oaisys repeat": "oaisys repeat out/survey/bag",

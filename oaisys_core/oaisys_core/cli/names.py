@@ -123,10 +123,7 @@ A crater at a chosen place: heights of your own, as in
 def names(
     out: Annotated[Path | None, typer.Option(help="File to write; default: print it.")] = None,
 ) -> None:
-    """Write the page that lists names: terrains, textures, rocks, shapes, maps, columns.
-
-    Example: oaisys config names --out docs/names.md
-    """
+    """Write the page that lists names: terrains, textures, rocks, shapes, maps, columns."""
     write_or_print(names_text(measure_relief_m()), out)
 
 

@@ -52,10 +52,7 @@ def info(
         ),
     ] = None,
 ) -> None:
-    """Print where FILE lies: reference system, origin of `map`, true north, corners, the sun.
-
-    Example: oaisys place info alps.tif --to-map 7.6586,45.9763
-    """
+    """Print where FILE lies: reference system, origin of `map`, true north, corners, the sun."""
     from oaisys_core.geometry import places
     from oaisys_core.procedural.terrain.dem import import_dem
 

@@ -74,8 +74,6 @@ def render(
 
     Without --look-at, --poses, --metadata and a motion in the configuration, the rig stays above
     the stage's centre, looking down.
-
-    Example: oaisys render --position -8 -6 6 --look-at 0 0 0 --out out/view
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.cli.pose_steps import view_steps
