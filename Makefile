@@ -5,12 +5,13 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery bench test test-full soak bench-test fuzz lint format schema licences contract docs docs-serve clean
+.PHONY: help setup demo gallery pictures wheels bench test test-full soak bench-test fuzz lint format schema licences contract docs docs-serve clean
 
 VENV ?= .venv
 PYTHON ?=
 DEMO_ARGS ?= --out out/survey
 GALLERY_ARGS ?= --out out/gallery
+PICTURES_ARGS ?= --survey out/survey
 BENCH_ARGS ?= --out out/bench
 # Many tests wait for discovery, a child or a deadline: three at a time take half as long on two cores.
 # The slowest files come first, see test/conftest.py; xdist would begin with those of most tests.
@@ -40,6 +41,12 @@ demo: setup ## Survey a rocky terrain from 30 viewpoints and rebuild it: out/sur
 
 gallery: setup ## Render every example and texture set with its labels: out/gallery/index.html
 	@$(IN_ENV) python -m tools.gallery $(GALLERY_ARGS)
+
+pictures: demo ## Make the README's pictures from six worlds and the demo's survey: docs/worlds.webp, docs/survey.webp
+	@$(IN_ENV) python -m tools.gallery.readme $(PICTURES_ARGS)
+
+wheels: setup ## Build the wheels of all packages: out/wheels
+	@$(IN_ENV) python -m tools.wheels out/wheels
 
 bench: setup ## Measure everything: out/bench/bench.md (five hours the first time; BENCH_ARGS='--only transfer', --quick)
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)

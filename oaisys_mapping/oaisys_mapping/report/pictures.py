@@ -81,19 +81,19 @@ def mesh_views(mesh: ColoredMesh) -> dict[str, Image]:
     for name, (way, (width_px, height_px)) in MESH_SIDES.items():
         pose = pose_looking_at(middle_m + np.array(way) * size_m, middle_m)
         T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
-        camera = _camera_filled_by(
+        camera = camera_filled_by(
             mesh, T_map_camera, width_px * OVERSAMPLING, height_px * OVERSAMPLING
         )
-        large = _mesh_picture(mesh, scene, camera, T_map_camera)
+        large = mesh_picture(mesh, scene, camera, T_map_camera)
         small = cv2.resize(large, (width_px, height_px), interpolation=cv2.INTER_AREA)
         pictures[name] = np.asarray(small, np.uint8)
     return pictures
 
 
-def _camera_filled_by(
+def camera_filled_by(
     mesh: ColoredMesh, T_map_camera: FloatArray, width_px: int, height_px: int
 ) -> PinholeIntrinsics:
-    """Return the camera whose image the mesh just fills."""
+    """Return the camera whose image the mesh just fills, seen from (4, 4) ``T_map_camera``."""
     camera_m = (mesh.vertices_m - T_map_camera[:3, 3]) @ T_map_camera[:3, :3]
     slopes = camera_m[:, :2] / camera_m[:, 2:]
     low, high = slopes.min(axis=0), slopes.max(axis=0)
@@ -103,12 +103,13 @@ def _camera_filled_by(
     return PinholeIntrinsics(width_px, height_px, focal_px, focal_px, float(cx_px), float(cy_px))
 
 
-def _mesh_picture(
+def mesh_picture(
     mesh: ColoredMesh,
     scene: o3d.t.geometry.RaycastingScene,
     camera: PinholeIntrinsics,
     T_map_camera: FloatArray,
 ) -> Image:
+    """Return a shaded picture of a mesh, of which ``scene`` has the triangles."""
     directions = pixel_rays(camera) @ T_map_camera[:3, :3].T
     rays = np.empty((*directions.shape[:2], 6), np.float32)
     rays[..., :3], rays[..., 3:] = T_map_camera[:3, 3], directions
