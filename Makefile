@@ -42,7 +42,7 @@ demo: setup ## Survey a rocky terrain from 30 viewpoints and rebuild it: out/sur
 gallery: setup ## Render every example and texture set with its labels: out/gallery/index.html
 	@$(IN_ENV) python -m tools.gallery $(GALLERY_ARGS)
 
-pictures: demo ## Make the README's pictures from six worlds and the demo's survey: docs/worlds.webp, docs/survey.webp
+pictures: demo ## Make the README's pictures from six worlds and the demo's survey
 	@$(IN_ENV) python -m tools.gallery.readme $(PICTURES_ARGS)
 
 wheels: setup ## Build the wheels of all packages: out/wheels

@@ -18,7 +18,7 @@ PAGES = [
     *sorted((REPOSITORY / "examples").rglob("*.md")),
 ]
 NAMES = [path.relative_to(REPOSITORY).as_posix() for path in PAGES]
-README_LINES, README_COLUMNS = 130, 100
+README_LINES, README_COLUMNS = 110, 100
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 FENCE = re.compile(r"```\w*\n.*?```", re.DOTALL)

@@ -16,7 +16,8 @@ from tools.gallery.readme.animation import write_animation
 from tools.gallery.readme.worlds import write_worlds
 
 MOST_BYTES = 2_000_000
-WEBP_QUALITY = 80
+ANIMATION_QUALITY, STRIP_QUALITY = 75, 80
+"""Of WebP."""
 
 
 def main(
@@ -32,8 +33,8 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     with own_stdout():
         files = [
-            write_animation(out / "survey.webp", survey, WEBP_QUALITY),
-            write_worlds(out / "worlds.webp", EXAMPLES, backend, quality, WEBP_QUALITY),
+            write_animation(out / "survey.webp", survey, ANIMATION_QUALITY),
+            write_worlds(out / "worlds.webp", EXAMPLES, backend, quality, STRIP_QUALITY),
         ]
     size = sum(file.stat().st_size for file in files)
     typer.echo(f"{', '.join(map(str, files))}: {size} bytes")
