@@ -19,7 +19,7 @@ from oaisys_mapping.evaluation.visibility import raycasting_scene
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report.pictures import camera_filled_by, depth_picture, mesh_picture
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_ros_bridge.bags.recorded_samples import open_bag
+from oaisys_ros_bridge.bags.recorded.recorded_samples import open_bag
 
 Pixels = NDArray[np.uint8]
 
