@@ -70,7 +70,7 @@ def test_an_example_runs_from_wheels_outside_of_the_repository(tmp_path: Path) -
 
     example = shutil.copy(REPOSITORY / "examples" / "01_one_view.py", tmp_path)
     (tmp_path / "world.yaml").write_text(yaml.safe_dump(WORLD), encoding="utf-8")
-    printed = run(python, tmp_path, example, "world.yaml", "--out", "view.png")
+    printed = run(python, tmp_path, str(example), "world.yaml", "--out", "view.png")
     assert "nearest" in printed
     with Image.open(tmp_path / "view.png") as picture:
         assert picture.size == (64, 48)
