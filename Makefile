@@ -28,7 +28,7 @@ IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
 # Tests are checked, but need not annotate everything.
 TEST_TYPES := --allow-untyped-defs --allow-incomplete-defs --allow-any-generics --allow-untyped-calls \
 	--allow-subclassing-any --allow-untyped-decorators --no-warn-return-any --no-strict-equality
-TYPED := oaisys_core oaisys_dataset oaisys_grpc oaisys_mapping oaisys_ros_bridge
+TYPED := oaisys_core oaisys_dataset oaisys_grpc oaisys_gym oaisys_mapping oaisys_ros_bridge
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

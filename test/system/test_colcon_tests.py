@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from repository import REPOSITORY
 
-PACKAGES = ("core", "dataset", "grpc", "mapping", "ros_bridge")
+PACKAGES = ("core", "dataset", "grpc", "gym", "mapping", "ros_bridge")
 """Names without `oaisys_`; their tests are in folders of the same names."""
 SHARED = ("timeout", "timeout_method")
 

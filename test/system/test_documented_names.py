@@ -25,7 +25,10 @@ FENCE = re.compile(r"```\w*\n.*?```", re.DOTALL)
 PYTHON = re.compile(r"```python\n(.*?)```", re.DOTALL)
 DOTTED = re.compile(r"`(oaisys_[a-z_]+(?:\.\w+)+)(?:\(.*?\))?`")
 COMMAND = re.compile(r"\boaisys ([a-z]+)(?: ([a-z]+))?")
-PACKAGES = {"oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge"}
+PACKAGES = {
+    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_gym"),
+    *("oaisys_mapping", "oaisys_ros_bridge"),
+}
 
 
 def anchors(page: Path) -> set[str]:

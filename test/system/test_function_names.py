@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from repository import REPOSITORY
 
 PACKAGES = (
-    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge"),
+    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_gym"),
+    *("oaisys_mapping", "oaisys_ros_bridge"),
     "tools",
 )
 IRREGULAR = {

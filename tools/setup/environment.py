@@ -18,6 +18,7 @@ PYTHON_PACKAGES = tuple(
         "oaisys_core",
         "oaisys_dataset",
         "oaisys_grpc",
+        "oaisys_gym",
         "oaisys_mapping",
         "oaisys_ros_bridge",
     )

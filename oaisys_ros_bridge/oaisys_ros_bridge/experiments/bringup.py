@@ -18,6 +18,7 @@ import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
+from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.system.signals import defer_signals
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
@@ -27,7 +28,6 @@ from oaisys_ros_bridge.experiments.configuration import (
     read_sensors,
     write_config,
 )
-from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.namespaces import (
     TF,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
+from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.system.signals import defer_signals
 from oaisys_grpc.client.simulator_client import ClientTls, SimulatorClient
@@ -17,7 +18,6 @@ from oaisys_ros_bridge.experiments.bringup import (
     socket_folder,
 )
 from oaisys_ros_bridge.experiments.configuration import ExperimentOptions, write_config
-from oaisys_ros_bridge.experiments.processes import ManagedProcess
 
 CONNECT_TIMEOUT_S = 20.0
 """How long a running simulator may take to answer."""

@@ -19,7 +19,7 @@ PLANTED = (
 )
 TRAP = "import pathlib\npathlib.Path(__file__).with_suffix('.run').touch()\nraise SystemExit(77)\n"
 PACKAGES = (
-    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_mapping"),
+    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_gym", "oaisys_mapping"),
     "oaisys_ros_bridge",
 )
 STARTS = re.compile(r'sys\.executable, "-m"|python, "-m"')

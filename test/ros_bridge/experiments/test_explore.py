@@ -16,6 +16,7 @@ from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.certificate.view_files import read_views
+from oaisys_mapping.exploration.flight_box import flight_box
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
 from oaisys_ros_bridge.bridge.requests import poses_of_trajectory
@@ -25,7 +26,7 @@ from oaisys_ros_bridge.experiments.explore.exploration import (
     ExplorationLimits,
     explore,
 )
-from oaisys_ros_bridge.experiments.explore.plan import flight_box, planners_of, start_pose
+from oaisys_ros_bridge.experiments.explore.plan import planners_of, start_pose
 from oaisys_ros_bridge.experiments.explore.trajectory_client import poses_along, trajectory_to_msg
 from oaisys_ros_bridge.experiments.options import seeds_of
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from oaisys_ros_bridge.experiments import processes
-from oaisys_ros_bridge.experiments.processes import ManagedProcess
+from oaisys_core.system import processes
+from oaisys_core.system.processes import ManagedProcess
 
 NODE_WITHOUT_AN_END = """
 import threading

@@ -12,8 +12,8 @@ from typing import Any
 import psutil
 import yaml
 
+from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
-from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from tools.bench.settings import Settings
 
 START_TIMEOUT_S = 300.0

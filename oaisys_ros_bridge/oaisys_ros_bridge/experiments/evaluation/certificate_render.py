@@ -13,6 +13,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix
+from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
 from oaisys_grpc.client.simulator_client import SimulatorClient
@@ -24,7 +25,6 @@ from oaisys_mapping.rectification import rectify, rectify_camera, rectify_labels
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_ros_bridge.experiments.bringup import START_TIMEOUT_S
 from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE
-from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
 
 

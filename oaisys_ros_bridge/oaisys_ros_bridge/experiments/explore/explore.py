@@ -24,6 +24,7 @@ from oaisys_mapping.evaluation.thresholds import exploration_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
+from oaisys_mapping.exploration.flight_box import flight_box
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.exploration.planners import make_planner
@@ -42,7 +43,7 @@ from oaisys_ros_bridge.experiments.explore.exploration import (
     ExplorationLimits,
     explore,
 )
-from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, flight_box, start_pose
+from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, start_pose
 from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient, poses_along
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView

@@ -25,14 +25,8 @@ ALL_PLANNERS = "all"
 FIRST_SEED = 1
 """Seed of the first world, where none is given."""
 
-HEADROOM_M = 6.0
-"""Height of the box above the highest ground."""
-
 START_SHARE = 0.75
 """Where an exploration starts: this share of the way from the stage's centre to a corner."""
-
-PROBES = 64
-"""Number of positions along an edge of the stage at which heights are queried."""
 
 
 @dataclass(frozen=True)
@@ -78,23 +72,6 @@ def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
     ours = tuple(BUILT_IN_PLANNERS)
     named = [each for name in names for each in (ours if name == ALL_PLANNERS else (name,))]
     return tuple(dict.fromkeys((*named, *(ours if compare else ()))))
-
-
-def flight_box(extent_m: Sequence[float], height_m: Callable[[FloatArray], FloatArray]) -> Bounds:
-    """Return the box over a stage, from its lowest ground to well above its highest.
-
-    Args:
-        extent_m: (min_x, min_y, max_x, max_y) of the stage.
-        height_m: Gives the (N,) heights of the surface at (N, 2) points.
-    """
-    low_m, high_m = np.array(extent_m[:2]), np.array(extent_m[2:])
-    shares = (np.arange(PROBES) + 0.5) / PROBES
-    x_m, y_m = np.meshgrid(
-        *(low + shares * (high - low) for low, high in zip(low_m, high_m, strict=True))
-    )
-    heights_m = height_m(np.column_stack((x_m.ravel(), y_m.ravel())))
-    lowest_m, highest_m = float(np.nanmin(heights_m)), float(np.nanmax(heights_m))
-    return Bounds(np.append(low_m, lowest_m), np.append(high_m, highest_m + HEADROOM_M))
 
 
 def start_pose(

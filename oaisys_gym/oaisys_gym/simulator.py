@@ -1,0 +1,86 @@
+"""The simulator of an environment: one of its own, which ends with it, or one that serves."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import weakref
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.system.processes import ManagedProcess
+from oaisys_core.system.python_programs import python_command
+from oaisys_core.system.socket_paths import socket_parent
+from oaisys_grpc.client.simulator_client import SimulatorClient
+
+DEFAULT_WORLDS = Path(__file__).with_name("worlds") / "mounds.yaml"
+"""The configuration where none is given."""
+
+START_TIMEOUT_S = 180.0
+"""How long a simulator may take until it serves."""
+
+CALL_TIMEOUT_S = 120.0
+"""How long a new world or a view may take."""
+
+_SOCKET_BYTES = len("/oaisys-gym-12345678/server")
+_IMPORTED_IN = os.getpid()
+
+
+class EpisodeSimulator:
+    """A simulator in which episodes take place.
+
+    Attributes:
+        address: Where it serves.
+        client: Its client.
+        close: Ends the connection, and the simulator if it was started here. It is also called
+            when this object is no longer used and when Python ends; a simulator whose owner is
+            killed ends by itself.
+    """
+
+    def __init__(self, config: str | Path | Mapping[str, Any] | None, address: str) -> None:
+        """Start a simulator, or connect to the one at ``address``.
+
+        Args:
+            config: YAML file or its content; None: `DEFAULT_WORLDS`. Ignored with an address.
+            address: ``host:port`` or ``unix:PATH``; empty: start a simulator.
+
+        Raises:
+            OaisysError: The process ended, or does not serve in time; quotes its log.
+        """
+        if os.getpid() != _IMPORTED_IN:
+            raise OaisysError(
+                "this process was forked after gRPC had been imported, with which gRPC hangs: "
+                'give the vector environment context="spawn"'
+            )
+        with ExitStack() as stack:
+            if not address:
+                address = _start(stack, config)
+            self.address = address
+            self.client = stack.enter_context(SimulatorClient(address, timeout_s=CALL_TIMEOUT_S))
+            self.client.wait_ready(START_TIMEOUT_S)
+            self.close = weakref.finalize(self, stack.pop_all().close)
+
+
+def _start(stack: ExitStack, config: str | Path | Mapping[str, Any] | None) -> str:
+    """Start a simulator that ``stack`` ends; return its address."""
+    parent = socket_parent(_SOCKET_BYTES)
+    folder = Path(
+        stack.enter_context(tempfile.TemporaryDirectory(prefix="oaisys-gym-", dir=parent))
+    )
+    if isinstance(config, Mapping):
+        file = folder / "worlds.yaml"
+        file.write_text(yaml.safe_dump(dict(config)), encoding="utf-8")
+    else:
+        file = Path(config or DEFAULT_WORLDS)
+    address = f"unix:{folder}/server"
+    command = python_command("oaisys_grpc", "serve", "--config", str(file), "--address", address)
+    server = stack.enter_context(
+        ManagedProcess("the simulator", command, folder / "server.log", os.environ)
+    )
+    server.wait_for_line("ready:", START_TIMEOUT_S)
+    return address

@@ -1,0 +1,169 @@
+"""The gym's environments: gymnasium's own checks, seeds, rewards, errors, and the process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import psutil
+import pytest
+from gymnasium.utils.env_checker import check_env
+from waiting import wait_until
+
+import oaisys_gym  # noqa: F401 - registers the environments
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_gym import simulator
+from oaisys_gym.simulator import EpisodeSimulator
+
+TASKS = ("NextBestView", "Coverage", "DriveToGoal")
+
+SMALL_WORLD: dict[str, Any] = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 33},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "assets": {"rocks": [{"count": [5, 5]}]},
+    "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
+    "render": {"quality": "draft"},
+}
+
+
+@pytest.fixture(scope="module")
+def own() -> Iterator[EpisodeSimulator]:
+    """A simulator that was started as an environment starts one."""
+    simulator = EpisodeSimulator(SMALL_WORLD, "")
+    yield simulator
+    simulator.close()
+
+
+@pytest.fixture
+def address(own: EpisodeSimulator) -> str:
+    return own.address
+
+
+@pytest.mark.filterwarnings("ignore:.*render modes.*")
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_finds_nothing_wrong(task: str, address: str) -> None:
+    environment = gymnasium.make(
+        f"oaisys/{task}-v0", address=address, world_seeds=(3,), render_mode="rgb_array"
+    )
+    check_env(environment.unwrapped, skip_render_check=True)
+    picture = environment.unwrapped.render()
+    assert isinstance(picture, np.ndarray)
+    assert picture.shape == (48, 64, 3)
+    assert len(np.unique(picture)) > 20
+    environment.close()
+
+
+def test_images_come_by_modality_and_depth_ends_at_the_range(address: str) -> None:
+    modalities = ("rgb", "depth", "semantic_0", "instance")
+    environment = gymnasium.make(
+        "oaisys/DriveToGoal-v0",
+        address=address,
+        modalities=modalities,
+        max_range_m=6.0,
+        world_seeds=(3,),
+    )
+    observation, info = environment.reset(seed=1)
+    assert info["world_seed"] == 3
+    assert environment.observation_space.contains(observation)
+    assert observation["depth"].max() == 6.0
+    assert 0.5 < observation["depth"].min() < 6.0
+    environment.close()
+
+
+def test_the_rover_drives_the_distance_of_its_speed(address: str) -> None:
+    environment = gymnasium.make("oaisys/DriveToGoal-v0", address=address, world_seeds=(3,))
+    environment.reset(seed=2)
+    inner: Any = environment.unwrapped
+    before = np.array(inner.pose.position_m)
+    _, reward, _, _, info = environment.step(np.array((0.5, 0.0), np.float32))
+    after = np.array(inner.pose.position_m)
+    assert not info["blocked"]
+    assert np.hypot(*(after - before)[:2]) == pytest.approx(0.5, abs=1e-6)
+    goal_m = inner._goal_m
+    nearer_m = np.linalg.norm(goal_m - before[:2]) - np.linalg.norm(goal_m - after[:2])
+    assert reward == pytest.approx(nearer_m - 0.05, abs=1e-6)
+    environment.close()
+
+
+def test_a_rover_stops_at_the_stages_edge(address: str) -> None:
+    environment = gymnasium.make("oaisys/DriveToGoal-v0", address=address, world_seeds=(3,))
+    environment.reset(seed=2)
+    inner: Any = environment.unwrapped
+    for _ in range(60):
+        observation, _, _, _, info = environment.step(np.array((1.0, 0.0), np.float32))
+        if info["blocked"]:
+            break
+    assert info["blocked"]
+    assert observation["blocked"] == [1]
+    assert (np.abs(inner.pose.position_m[:2]) <= 12).all()
+    environment.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"modalities": ("thermal",)}, "modalities: received 'thermal'"),
+        ({"modalities": ("normal",)}, "modalities: received 'normal'"),
+        ({"max_range_m": -1.0}, "max_range_m: received -1.0"),
+        ({"render_mode": "human"}, "render_mode: received 'human'"),
+        ({"world_seeds": (-1,)}, "world_seeds: received -1"),
+        ({"world_seeds": (True,)}, "world_seeds: received True"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(
+    options: dict[str, Any], message: str, address: str
+) -> None:
+    from oaisys_gym.coverage import Coverage
+
+    with pytest.raises(InvalidInputError, match=message):
+        Coverage(address=address, **options)
+
+
+def test_wrong_actions_and_options_are_refused(address: str) -> None:
+    environment = gymnasium.make(
+        "oaisys/Coverage-v0", address=address, world_seeds=(3,), disable_env_checker=True
+    )
+    environment.reset(seed=1)
+    with pytest.raises(InvalidInputError, match="2 finite numbers"):
+        environment.step(np.array((np.nan, 0), np.float32))
+    with pytest.raises(InvalidInputError, match="options: received 'world'"):
+        environment.reset(options={"world": 3})
+    environment.close()
+
+
+def test_a_forked_process_is_told_to_spawn(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    monkeypatch.setattr(simulator, "_IMPORTED_IN", 1)
+    with pytest.raises(OaisysError, match='context="spawn"'):
+        EpisodeSimulator(None, address)
+
+
+@pytest.mark.long
+def test_a_configuration_that_is_wrong_is_quoted(tmp_path: Path) -> None:
+    file = tmp_path / "worlds.yaml"
+    file.write_text("stage: {preset: moundz}\n", encoding="utf-8")
+    with pytest.raises(OaisysError, match="moundz"):
+        EpisodeSimulator(file, "")
+
+
+def processes_of(simulator: EpisodeSimulator) -> list[psutil.Process]:
+    """Return the processes that were started in the simulator's folder."""
+    folder = str(Path(simulator.address.removeprefix("unix:")).parent)
+    children = psutil.Process().children(recursive=True)
+    servers = [child for child in children if folder in " ".join(child.cmdline())]
+    return [*servers, *(each for server in servers for each in server.children(recursive=True))]
+
+
+def test_the_simulator_ends_with_its_environment(own: EpisodeSimulator) -> None:
+    """The last test of this file: it ends the simulator of all."""
+    started = processes_of(own)
+    assert len(started) >= 2  # server and worker
+    environment = gymnasium.make("oaisys/Coverage-v0", address=own.address)
+    environment.close()
+    assert all(process.is_running() for process in started)  # it is somebody else's
+    own.close()
+    wait_until(lambda: not any(process.is_running() for process in started))
+    assert not Path(own.address.removeprefix("unix:")).parent.exists()

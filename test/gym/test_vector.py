@@ -1,0 +1,30 @@
+"""Four environments in processes of their own, each with its simulator."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+
+import oaisys_gym  # noqa: F401 - registers the environments
+
+
+@pytest.mark.long
+def test_four_environments_step_at_once(no_process_left: None) -> None:
+    environments = gymnasium.make_vec(
+        "oaisys/DriveToGoal-v0",
+        num_envs=4,
+        vectorization_mode="async",
+        vector_kwargs={"context": "spawn"},
+        world_seeds=(3,),
+    )
+    try:
+        observations, _ = environments.reset(seed=[5, 6, 7, 5])
+        depths_m = observations["depth"]
+        assert depths_m.shape == (4, 48, 64)
+        np.testing.assert_array_equal(depths_m[0], depths_m[3])
+        assert not np.array_equal(depths_m[0], depths_m[1])
+        _, rewards, *_ = environments.step(np.full((4, 2), 0.5, np.float32))
+        assert rewards[0] == rewards[3] != rewards[1]
+    finally:
+        environments.close()
