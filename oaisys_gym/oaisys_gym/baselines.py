@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import numpy as np
-from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray
 from oaisys_gym.coverage import REACH_M, Coverage
 from oaisys_gym.drive_to_goal import DriveToGoal
-from oaisys_gym.flight import (
-    SPEED_M_S,
-    SURFACE_REWARD_PER_M2,
-    TIME_COST_PER_S,
-    FlightEnv,
-    scale_pose,
-)
+from oaisys_gym.flight import FlightEnv, scale_pose
 from oaisys_gym.next_best_view import NextBestView
 from oaisys_gym.terrain_env import Action, Observation
+from oaisys_mapping.exploration.planner import level_pose
 from oaisys_mapping.exploration.planners import make_planner
+
+DISCOUNT_LENGTH_M = 40.0
+"""Length of a way after which a gain counts 1/e, as `NextBestViewPlanner` has it."""
 
 
 class PlannerPolicy:
@@ -47,58 +45,44 @@ class PlannerPolicy:
         return scale_pose(pose, situation.voxels.bounds)
 
 
-class MostUnseenGround:
-    """Flies in `Coverage` to the waypoint whose view has the most unobserved cells of the map.
+class BestWaypoint:
+    """Flies in `Coverage` to the waypoint whose view promises most to the map, near ones first.
 
-    It expects a view to show what is within ``RANGE_M`` and 30 degrees of its heading. It knows
-    nothing of hills: a cell that a view should have shown counts half as much from then on.
+    Gains are those of `oaisys_mapping.exploration.gain`, at the present height. Where none of them
+    is worth anything, it flies on at random.
     """
 
-    RANGE_M = (6.0, 18.0)
-    HALF_VIEW_RAD = np.pi / 6
+    STEPS_M = (0.5, 3.0, 6.0, 8.0)
+    MIN_GAIN = 1.0
 
-    def __init__(self, environment: gymnasium.Env[Any, Action]) -> None:
-        """Take the environment.
+    def __init__(self, environment: gymnasium.Env[Any, Action], seed: int = 0) -> None:
+        """Take the environment, and the seed of flights at random.
 
         Raises:
             InvalidInputError: It is another one.
         """
         self._environment = _flight_of(environment, Coverage)
+        self._rng = np.random.default_rng(seed)
         angles_rad = np.arange(16) * np.pi / 8
         directions = np.column_stack((np.cos(angles_rad), np.sin(angles_rad)))
-        self._ways_m = np.concatenate([directions * step_m for step_m in (0.5, 3.0, 8.0)])
-        self._hopes = np.ones(0)
+        self._ways_m = np.concatenate([directions * step_m for step_m in self.STEPS_M])
 
-    def __call__(self, observation: Observation) -> Action:
-        """Return the waypoint with the best expected reward."""
+    def __call__(self, _observation: Observation) -> Action:
+        """Return the way to the best waypoint."""
+        situation = self._environment.situation
         low_m, high_m = self._environment.extent_m
-        here_m = low_m + (observation["pose"][:2] + 1) / 2 * (high_m - low_m)
-        unseen = (observation["map"] == 0).ravel()
-        if len(self._environment.situation.visited) == 1:
-            self._hopes = np.ones(len(unseen))
-        shape = observation["map"].shape
-        size_m = (high_m - low_m) / shape
-        cells_m = low_m + (np.argwhere(np.ones(shape)) + 0.5) * size_m
-        ends_m = here_m + self._ways_m
-        inside = ((ends_m > low_m + 1) & (ends_m < high_m - 1)).all(axis=1)
-        seen = self._expected_views(ends_m, cells_m)
-        found_m2 = (seen * unseen * self._hopes).sum(axis=1) * float(np.prod(size_m))
-        worth = SURFACE_REWARD_PER_M2 * found_m2
-        worth -= TIME_COST_PER_S * np.linalg.norm(self._ways_m, axis=1) / SPEED_M_S
-        best = int(np.where(inside, worth, -np.inf).argmax())
-        self._hopes[seen[best]] /= 2
-        return np.asarray(self._ways_m[best] / REACH_M, np.float32)
-
-    def _expected_views(self, ends_m: FloatArray, cells_m: FloatArray) -> NDArray[np.bool_]:
-        """Return (K, N) which of (N, 2) cells are expected in the views at (K, 2) ways' ends."""
-        to_cells_m = cells_m[None] - ends_m[:, None]
-        distances_m = np.linalg.norm(to_cells_m, axis=2)
-        headings = self._ways_m / np.linalg.norm(self._ways_m, axis=1, keepdims=True)
-        ahead_m = (to_cells_m * headings[:, None]).sum(axis=2)
-        near_m, far_m = self.RANGE_M
-        seen = (distances_m > near_m) & (distances_m < far_m)
-        seen &= ahead_m > np.cos(self.HALF_VIEW_RAD) * distances_m
-        return np.asarray(seen)
+        ends_m = situation.here_m[:2] + self._ways_m
+        ways_m = self._ways_m[((ends_m > low_m + 1) & (ends_m < high_m - 1)).all(axis=1)]
+        places_m = situation.here_m + np.column_stack((ways_m, np.zeros(len(ways_m))))
+        poses = [
+            level_pose(place_m, float(np.arctan2(y_m, x_m)))
+            for place_m, (x_m, y_m) in zip(places_m, ways_m, strict=True)
+        ]
+        gains = situation.gains(poses)
+        if not len(gains) or gains.max() < self.MIN_GAIN:
+            return self._rng.uniform(-1, 1, 2).astype(np.float32)
+        utility = gains * np.exp(-np.linalg.norm(ways_m, axis=1) / DISCOUNT_LENGTH_M)
+        return np.asarray(ways_m[int(utility.argmax())] / REACH_M, np.float32)
 
 
 class TurnToGoal:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,23 +18,6 @@ from oaisys_gym import simulator
 from oaisys_gym.simulator import EpisodeSimulator
 
 TASKS = ("NextBestView", "Coverage", "DriveToGoal")
-
-SMALL_WORLD: dict[str, Any] = {
-    "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 33},
-    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
-    "assets": {"rocks": [{"count": [5, 5]}]},
-    "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
-    "render": {"quality": "draft"},
-}
-
-
-@pytest.fixture(scope="module")
-def own() -> Iterator[EpisodeSimulator]:
-    """A simulator that was started as an environment starts one."""
-    simulator = EpisodeSimulator(SMALL_WORLD, "")
-    yield simulator
-    simulator.close()
 
 
 @pytest.fixture

@@ -219,3 +219,10 @@ def test_survey(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
     folder = tmp_path / "out" / "survey_from_python"
     assert json.loads((folder / "report.json").read_text(encoding="utf-8"))["closed"] is True
     assert (folder / "certificate.json").is_file()
+
+
+@pytest.mark.long
+def test_the_gym(tmp_path: Path) -> None:
+    output = run("12_gym.py", tmp_path, "--episodes", "1")
+    assert re.findall(r"seed 0, (\w+): reward", output) == ["random", "baseline"]
+    assert "the last view: (48, 64, 3)" in output

@@ -1,0 +1,27 @@
+"""Fixtures of the gym's tests: one small simulator a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from oaisys_gym.simulator import EpisodeSimulator
+
+SMALL_WORLD: dict[str, Any] = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 33},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "assets": {"rocks": [{"count": [5, 5]}]},
+    "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
+    "render": {"quality": "draft"},
+}
+
+
+@pytest.fixture(scope="module")
+def own() -> Iterator[EpisodeSimulator]:
+    """A simulator that was started as an environment starts one."""
+    simulator = EpisodeSimulator(SMALL_WORLD, "")
+    yield simulator
+    simulator.close()
