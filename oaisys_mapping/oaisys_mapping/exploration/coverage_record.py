@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.stats
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class PlannerResult:
         reached: Number of worlds in which it reached the coverage.
         views: Median number of views needed; None if it reached the coverage in less than half of
             the worlds.
+        views_low, views_high: Confidence interval of that median, see `median_interval`; None:
+            too few worlds, or an end that no world reached.
         fewest_views, most_views: Range over the worlds in which it reached the coverage.
         more_than_views: Lower bound if there is no median: the median number of views after
             which it stopped.
@@ -60,6 +63,8 @@ class PlannerResult:
     worlds: int
     reached: int
     views: float | None
+    views_low: int | None
+    views_high: int | None
     fewest_views: int | None
     most_views: int | None
     more_than_views: float | None
@@ -76,6 +81,26 @@ def planner_results(records: Sequence[CoverageRecord], share: float) -> list[Pla
     return [_result([r for r in records if r.planner == name], share) for name in names]
 
 
+def comparison_lines(results: Sequence[PlannerResult], share: float) -> list[str]:
+    """Return a table of planners for a terminal: its header, and a line for each."""
+    header = ("planner", "worlds", f"views to {share:.0%}", "95 % interval", "seen", "path, m")
+    rows = [header, *map(_cells, results)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(header))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _cells(result: PlannerResult) -> tuple[str, ...]:
+    views = f"more than {result.more_than_views:g}" if result.views is None else f"{result.views:g}"
+    low, high = result.views_low, result.views_high
+    interval = "-" if low is None else f"{low} to {'more' if high is None else high}"
+    path = "-" if result.path_m is None else f"{result.path_m:.0f}"
+    seen = f"{result.final_coverage:.1%}"
+    return result.planner, f"{result.reached} of {result.worlds}", views, interval, seen, path
+
+
 def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
     views = [record.views_to(share) for record in records]
     successes = [count for count in views if count is not None]
@@ -84,12 +109,15 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
         for record, count in zip(records, views, strict=True)
     ]
     median_views = _median([np.inf if count is None else count for count in views])
+    low, high = median_interval([np.inf if count is None else count for count in views])
     stopped_after = float(np.median([len(record.coverage) for record in records]))
     return PlannerResult(
         planner=records[0].planner,
         worlds=len(records),
         reached=len(successes),
         views=median_views,
+        views_low=low,
+        views_high=high,
         fewest_views=min(successes, default=None),
         most_views=max(successes, default=None),
         more_than_views=stopped_after if median_views is None else None,
@@ -99,6 +127,27 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
         refused=sum(record.refused for record in records),
         least_clearance_m=float(np.min([record.least_clearance_m for record in records])),
     )
+
+
+def median_interval(
+    values: Sequence[float], confidence: float = 0.95
+) -> tuple[int | None, int | None]:
+    """Return a confidence interval of the median of what values were drawn from.
+
+    Its ends are values: the k-th lowest and k-th highest, for the largest k at which the binomial
+    distribution leaves at most half of the rest below and above. That assumes nothing of how they
+    are distributed, and allows for infinite ones (Conover, "Practical Nonparametric Statistics",
+    3.2). An end is None where it is infinite; both are with fewer than six values, at 0.95.
+    """
+    in_order, tail = sorted(values), (1 - confidence) / 2
+    # P(at most k - 1 of n values lie below the median) <= tail
+    largest = int(scipy.stats.binom.ppf(tail, len(in_order), 0.5))
+    if scipy.stats.binom.cdf(largest, len(in_order), 0.5) > tail:
+        largest -= 1
+    if largest < 0:
+        return None, None
+    low, high = in_order[largest], in_order[-1 - largest]
+    return (int(low) if np.isfinite(low) else None, int(high) if np.isfinite(high) else None)
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.stats
 from repository import REPOSITORY
 from walls import CAMERA, seen_wall
 
@@ -17,7 +18,12 @@ from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
-from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
+from oaisys_mapping.exploration.coverage_record import (
+    CoverageRecord,
+    comparison_lines,
+    median_interval,
+    planner_results,
+)
 from oaisys_mapping.exploration.gain import ViewScorer
 from oaisys_mapping.exploration.occupancy_map import (
     Bounds,
@@ -47,6 +53,34 @@ def test_planners_are_compared_by_medians_with_failures_counted_as_more():
     assert quick.path_m == 20.0
     assert quick.more_than_views is None
     assert (slow.views, slow.reached, slow.more_than_views, slow.path_m) == (None, 1, 3.0, None)
+    lines = comparison_lines([quick, slow], 0.9)
+    assert lines[1].split() == ["quick", "3", "of", "3", "3", "-", "91.0%", "20"]
+    assert lines[2].split()[:7] == ["slow", "1", "of", "3", "more", "than", "3"]
+
+
+@pytest.mark.parametrize("count", [1, 5, 6, 9, 20, 41])
+def test_intervals_of_medians_are_those_of_scipys_test(count):
+    values = list(np.random.default_rng(count).permutation(100)[:count])
+    low, high = median_interval(values)
+    expected = scipy.stats.quantile_test(values, q=0, p=0.5).confidence_interval(0.95)
+    if count < 6:
+        assert (low, high) == (None, None)
+        assert np.isnan(expected.low)
+    else:
+        assert (low, high) == (expected.low, expected.high)
+
+
+def test_an_interval_holds_its_median_as_often_as_it_says():
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(2000):
+        low, high = median_interval(list(rng.geometric(0.01, 12)))
+        held += low <= 69 <= high  # 1 - 0.99^69 = 0.5002
+    assert held >= 0.94 * 2000
+
+
+def test_an_end_that_no_world_reached_is_open():
+    assert median_interval([3, 4, 5, 6, np.inf, np.inf]) == (3, None)
 
 
 def test_scoring_two_hundred_views_is_vectorized():

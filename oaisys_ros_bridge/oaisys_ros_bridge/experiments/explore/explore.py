@@ -23,7 +23,11 @@ from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.evaluation.thresholds import exploration_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
-from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
+from oaisys_mapping.exploration.coverage_record import (
+    CoverageRecord,
+    comparison_lines,
+    planner_results,
+)
 from oaisys_mapping.exploration.flight_box import flight_box
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle
@@ -91,6 +95,9 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
         losses = stack.client.shortfalls(MAP_TIMEOUT_S)
         info = stack.simulator.info()
     seconds = time.monotonic() - started_s
+    if len(options.planners) > 1:
+        for line in comparison_lines(planner_results(records, COVERAGE_GOAL), COVERAGE_GOAL):
+            reporter.say(line)
     result = evaluate_and_certify(
         options,
         info,
