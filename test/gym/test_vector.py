@@ -19,7 +19,7 @@ def test_four_environments_step_at_once(no_process_left: None) -> None:
         world_seeds=(3,),
     )
     try:
-        observations, _ = environments.reset(seed=[5, 6, 7, 5])
+        observations, _ = environments.reset(seed=[5, 6, 7, 5])  # type: ignore[arg-type]
         depths_m = observations["depth"]
         assert depths_m.shape == (4, 48, 64)
         np.testing.assert_array_equal(depths_m[0], depths_m[3])

@@ -14,10 +14,11 @@ import yaml
 from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, FloatArray, ModuleMetadata, Pose, merge
+from oaisys_mapping.exploration.flight_box import flight_box
 from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import CANDIDATES, NextBestViewPlanner
-from oaisys_ros_bridge.experiments.explore.plan import flight_box, start_pose
+from oaisys_ros_bridge.experiments.explore.plan import start_pose
 from tools.bench.settings import Say, Settings, camera
 
 HILL = Path(__file__).parents[3] / "config" / "explore.yaml"
