@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import gymnasium
 import numpy as np
+import psutil
 import pytest
+from waiting import wait_until
 
 import oaisys_gym  # noqa: F401 - registers the environments
 
 
 @pytest.mark.long
-def test_four_environments_step_at_once(no_process_left: None) -> None:
+def test_four_environments_step_at_once() -> None:
     environments = gymnasium.make_vec(
         "oaisys/DriveToGoal-v0",
         num_envs=4,
@@ -26,5 +28,12 @@ def test_four_environments_step_at_once(no_process_left: None) -> None:
         assert not np.array_equal(depths_m[0], depths_m[1])
         _, rewards, *_ = environments.step(np.full((4, 2), 0.5, np.float32))
         assert rewards[0] == rewards[3] != rewards[1]
+        started = [
+            process
+            for process in psutil.Process().children(recursive=True)
+            if "oaisys_grpc" in " ".join(process.cmdline())
+        ]
+        assert len(started) == 8  # four servers, each with its worker
     finally:
         environments.close()
+    wait_until(lambda: not any(process.is_running() for process in started))
