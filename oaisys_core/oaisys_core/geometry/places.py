@@ -97,6 +97,25 @@ def axes_on_body(georeference: Georeference, flattening: float) -> FloatArray:
     return np.stack((x, y, up))
 
 
+def transform_earth_map(georeference: Georeference) -> FloatArray:
+    """Return the (4, 4) transform from ``map`` to the axes of an Earth-centred, Earth-fixed frame.
+
+    Its x leads to longitude 0 on the equator, its z to the north pole (REP-105). The elevation of
+    the origin counts as its height above the ellipsoid.
+    """
+    from pyproj import Transformer
+
+    geod = system_of(georeference.wkt).get_geod()
+    assert geod is not None
+    to_centre = Transformer.from_pipeline(f"+proj=cart +a={geod.a} +b={geod.b}")
+    ((lon_deg, lat_deg, height_m),) = lon_lat_height(georeference, ((0, 0, 0),))
+    T = np.eye(4)
+    T[:3, :3] = axes_on_body(georeference, geod.f).T
+    # Without another declaration the pipeline takes degrees.
+    T[:3, 3] = to_centre.transform(lon_deg, lat_deg, height_m)
+    return T
+
+
 @lru_cache(maxsize=16)
 def system_of(wkt: str) -> CRS:
     """Return the reference system of a text."""

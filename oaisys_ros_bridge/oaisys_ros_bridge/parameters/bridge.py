@@ -137,6 +137,15 @@ _FRAMES = (
         changeable=Changeable.UNCONFIGURED,
     ),
     ParameterRow(
+        "earth_frame",
+        "earth",
+        "Frame at Earth's centre (REP-105), above map_frame on a stage from an elevation model "
+        "that lies on Earth; empty: none.",
+        pattern=r"([^\s/][^\s]*)?",
+        expects="name of a frame, without a slash in front, or empty",
+        changeable=Changeable.UNCONFIGURED,
+    ),
+    ParameterRow(
         "tf_rate",
         10.0,
         "How often the rig's last transform and odometry are repeated for late subscribers; 0: "

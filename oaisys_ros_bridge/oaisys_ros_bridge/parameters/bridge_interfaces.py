@@ -150,6 +150,13 @@ _RIG = (
     ),
     Interface(
         InterfaceKind.PUBLISHED,
+        "pressure",
+        "sensor_msgs/msg/FluidPressure",
+        "Pressure of standard air (ISO 2533) at the altitude of fix, with which it is published.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "odometry",
         "nav_msgs/msg/Odometry",
         "The estimated pose of the rig: in the odom frame, with covariance, if it drifts "
@@ -183,7 +190,8 @@ _RIG = (
         InterfaceKind.PUBLISHED,
         "/tf_static",
         "tf2_msgs/msg/TFMessage",
-        "base_link to camera_link to camera_optical_frame, lidar_link, imu_link, of each sensor.",
+        "base_link to camera_link to camera_optical_frame, lidar_link, imu_link, of each sensor; "
+        "earth to map on a stage that lies on Earth.",
         LATCHED,
     ),
     Interface(

@@ -5,20 +5,29 @@ from __future__ import annotations
 from math import isclose
 
 from builtin_interfaces.msg import Time
-from sensor_msgs.msg import NavSatFix, NavSatStatus
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import FluidPressure, NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
 from oaisys_core.geometry import places
 from oaisys_core.types import Georeference, Pose
+from oaisys_ros_bridge.conversions import transform_to_msg
 from oaisys_ros_bridge.publishing.publishers import Publishers, has_subscribers
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 EARTH_RADIUS_M = 6_378_137.0
 """Equatorial radius of WGS 84, on which a NavSatFix is by its definition."""
 
+SEA_LEVEL_PA, SEA_LEVEL_K = 101_325.0, 288.15
+LAPSE_K_M = 0.0065
+"""The air of the International Standard Atmosphere (ISO 2533:1975), up to 11 km."""
+
+EXPONENT = 9.80665 / (287.05287 * LAPSE_K_M)
+"""Gravity over the gas constant of air and the lapse rate."""
+
 
 class PlaceTopics:
-    """Publishes the true place of the rig as a satellite receiver would.
+    """Publishes the true place of the rig as a satellite receiver and a barometer would.
 
     Args:
         publishers: Where the messages go.
@@ -29,13 +38,20 @@ class PlaceTopics:
         self._publishers = publishers
         self._base_frame = base_frame
         self._fix = publishers.offer(NavSatFix, "fix", SENSOR_QOS)
+        self._pressure = publishers.offer(FluidPressure, "pressure", SENSOR_QOS)
 
     def publish(self, pose: Pose, georeference: Georeference | None, stamp: Time) -> None:
         """Publish where the rig is; nothing of a ground that is of no place on Earth."""
-        if georeference is None or not has_subscribers(self._fix) or not is_on_earth(georeference):
+        wanted = [each for each in (self._fix, self._pressure) if has_subscribers(each)]
+        if georeference is None or not wanted or not is_on_earth(georeference):
             return
         header = Header(stamp=stamp, frame_id=self._base_frame)
-        self._publishers.send(self._fix, fix_msg(pose, georeference, header))
+        fix = fix_msg(pose, georeference, header)
+        if self._fix in wanted:
+            self._publishers.send(self._fix, fix)
+        if self._pressure in wanted:
+            pressure = FluidPressure(header=header, fluid_pressure=air_pressure_pa(fix.altitude))
+            self._publishers.send(self._pressure, pressure)
 
 
 def is_on_earth(georeference: Georeference) -> bool:
@@ -56,3 +72,19 @@ def fix_msg(pose: Pose, georeference: Georeference, header: Header) -> NavSatFix
         altitude=float(altitude_m),
         position_covariance_type=NavSatFix.COVARIANCE_TYPE_KNOWN,
     )
+
+
+def air_pressure_pa(altitude_m: float) -> float:
+    """Return the pressure of standard air at an altitude of up to 11 km (ISO 2533:1975)."""
+    share = 1 - LAPSE_K_M * altitude_m / SEA_LEVEL_K
+    return float(SEA_LEVEL_PA * max(share, 0.0) ** EXPONENT)
+
+
+def map_on_earth(
+    georeference: Georeference | None, earth_frame: str, map_frame: str, stamp: Time
+) -> list[TransformStamped]:
+    """Return the transform from Earth's frame to that of the world; none without a place there."""
+    if not earth_frame or georeference is None or not is_on_earth(georeference):
+        return []
+    header = Header(stamp=stamp, frame_id=earth_frame)
+    return [transform_to_msg(places.transform_earth_map(georeference), header, map_frame)]

@@ -34,7 +34,7 @@ from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
-from oaisys_ros_bridge.publishing.place_topics import PlaceTopics
+from oaisys_ros_bridge.publishing.place_topics import PlaceTopics, map_on_earth
 from oaisys_ros_bridge.publishing.publishers import NodePublishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
@@ -85,7 +85,9 @@ class SamplePublisher:
         self.rig = RigTopics(
             self.publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
-        self._place = PlaceTopics(self.publishers, values["base_frame"])
+        self._base_frame, self._earth_frame = values["base_frame"], values["earth_frame"]
+        self._place = PlaceTopics(self.publishers, self._base_frame)
+        self._static = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
         self._sample_info = self.publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
         self.trajectory = TrajectoryTopics(node, self.publishers, self._map_frame)
         left_cameras = {each.name: find_left_camera(each, info.sensors) for each in info.sensors}
@@ -119,7 +121,7 @@ class SamplePublisher:
             )
             for imu in info.imus
         }
-        self._publish_mounts(values["base_frame"])
+        self._publish_fixed_frames()
         self._publish_labels()
 
     def fits(self, info: SimulatorInfo) -> bool:
@@ -131,6 +133,8 @@ class SamplePublisher:
         before, self._info = self._info, info
         if dict(info.semantic_labels) != dict(before.semantic_labels):
             self._publish_labels()
+        if info.georeference != before.georeference:
+            self._publish_fixed_frames()
         self.trajectory.enter((info.config_sha256, info.seed, info.batch_id))
 
     def destroy(self) -> None:
@@ -169,15 +173,16 @@ class SamplePublisher:
         message = sample_info_msg(sample, header, faults, sequence=number, topics=topics)
         self.publishers.send(self._sample_info, message)
 
-    def _publish_mounts(self, base_frame: str) -> None:
-        """Latch where each sensor sits on the rig."""
-        stamp = self._now()
-        mounts = [m for topics in self.sensors.values() for m in topics.mount(base_frame, stamp)]
+    def _publish_fixed_frames(self) -> None:
+        """Latch where each sensor sits on the rig, and where the world is on Earth."""
+        stamp, base = self._now(), self._base_frame
+        mounts = [m for topics in self.sensors.values() for m in topics.mount(base, stamp)]
         for others in (self.lidars, self.imus):
-            mounts += [m for topics in others.values() for m in topics.mount(base_frame, stamp)]
+            mounts += [m for topics in others.values() for m in topics.mount(base, stamp)]
         self.rig.frames.set_mounts(mounts)
-        publisher = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
-        publisher.publish(TFMessage(transforms=mounts))
+        place = self._info.georeference
+        on_earth = map_on_earth(place, self._earth_frame, self._map_frame, stamp)
+        self._static.publish(TFMessage(transforms=[*on_earth, *mounts]))
 
     def _publish_labels(self) -> None:
         stamp = self._now()

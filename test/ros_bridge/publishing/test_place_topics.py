@@ -1,14 +1,33 @@
-"""Fixes of satellite receivers, against PROJ on the ground's own numbers."""
+"""Where the rig is on Earth, against PROJ on the ground's own numbers and a table of the air."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import rasterio
+from affine import Affine
+from builtin_interfaces.msg import Time
 from pyproj import CRS, Transformer
+from ros_peer import Stage
+from sensor_msgs.msg import FluidPressure, NavSatFix
+from served_simulator import FLAT_WORLD
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
+from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Georeference, Pose
-from oaisys_ros_bridge.publishing.place_topics import fix_msg, is_on_earth
+from oaisys_ros_bridge.conversions import transform_from_msg
+from oaisys_ros_bridge.publishing.place_topics import (
+    air_pressure_pa,
+    fix_msg,
+    is_on_earth,
+    map_on_earth,
+)
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+
+pytestmark = pytest.mark.ros
 
 UTM = CRS.from_epsg(32633)
 HERE = Georeference(UTM.to_wkt(), (1.0, 0.0, 500_100.0, 0.0, 1.0, 5_300_200.0), -640.0)
@@ -28,3 +47,66 @@ def test_other_bodies_have_no_fix() -> None:
     moon = CRS.from_user_input("+proj=stere +lat_0=-90 +R=1737400 +units=m")
     assert is_on_earth(HERE)
     assert not is_on_earth(Georeference(moon.to_wkt(), HERE.map_to_system, 0.0))
+
+
+def test_earth_and_map_meet_where_proj_has_them() -> None:
+    (found,) = map_on_earth(HERE, "earth", "map", Time(sec=3))
+    assert (found.header.frame_id, found.child_frame_id) == ("earth", "map")
+    T_earth_map = transform_from_msg(found)
+    to_centre = Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    for point_m, atol_m in (((0.0, 0.0, 0.0), 1e-6), ((30.0, -40.0, 12.0), 0.03)):
+        fix = fix_msg(Pose(point_m, (0.0, 0.0, 0.0, 1.0)), HERE, Header())
+        expected_m = to_centre.transform(fix.longitude, fix.latitude, fix.altitude)
+        # UTM is 0.04 % short near its middle, and a plane leaves the ellipsoid.
+        at_m = T_earth_map @ (*point_m, 1.0)
+        np.testing.assert_allclose(at_m[:3], expected_m, rtol=0, atol=atol_m)
+
+
+def test_there_is_no_earth_above_the_moon_or_without_a_name() -> None:
+    moon = CRS.from_user_input("+proj=stere +lat_0=-90 +R=1737400 +units=m")
+    there = Georeference(moon.to_wkt(), HERE.map_to_system, 0.0)
+    assert map_on_earth(there, "earth", "map", Time()) == []
+    assert map_on_earth(None, "earth", "map", Time()) == []
+    assert map_on_earth(HERE, "", "map", Time()) == []
+
+
+@pytest.mark.parametrize(
+    ("altitude_m", "expected_pa"),
+    [(0.0, 101_325.0), (1000.0, 89_874.6), (5000.0, 54_019.9), (11_000.0, 22_632.0)],
+)
+def test_pressure_is_that_of_the_standards_table(altitude_m: float, expected_pa: float) -> None:
+    assert air_pressure_pa(altitude_m) == pytest.approx(expected_pa, rel=1e-5)
+
+
+@pytest.mark.long
+def test_a_bridge_says_where_on_earth_its_world_is(stage: Stage, tmp_path: Path) -> None:
+    path = tmp_path / "hill.tif"
+    profile = {"driver": "GTiff", "dtype": "float32", "count": 1, "crs": "EPSG:32633"}
+    place = Affine(2.0, 0.0, 500_000.0, 0.0, -2.0, 5_300_000.0)
+    with rasterio.open(path, "w", **profile, width=33, height=33, transform=place) as file:
+        file.write(np.full((33, 33), 800.0, np.float32), 1)
+    server = stage.start_world({**FLAT_WORLD, "stage": {"dem": {"file": str(path)}}})
+    user = stage.user
+    user.listen(FluidPressure, "pressure", SENSOR_QOS)
+    user.listen(NavSatFix, "fix", SENSOR_QOS)
+    user.listen(TFMessage, "/tf_static", LATCHED_QOS)
+    stage.start_bridge(server.address)
+    user.wait_until_ready()
+    user.wait_until_matched(["/pressure", "/fix"])
+    assert user.set_pose(pose_looking_down(4.0, -6.0, 5.0)).success
+
+    user.wait_until(lambda: user.received["fix"] and user.received["pressure"])
+    fix, pressure = user.received["fix"][-1], user.received["pressure"][-1]
+    to_utm = Transformer.from_crs("EPSG:4326", "EPSG:32633", always_xy=True)
+    assert to_utm.transform(fix.longitude, fix.latitude) == pytest.approx(
+        (500_037.0, 5_299_961.0), abs=0.05
+    )
+    assert fix.altitude == pytest.approx(805.0, abs=0.01)
+    assert pressure.header == fix.header
+    assert pressure.fluid_pressure == pytest.approx(air_pressure_pa(fix.altitude))
+    frames = {t.child_frame_id: t for m in user.received["/tf_static"] for t in m.transforms}
+    T_earth_map = transform_from_msg(frames["map"])
+    to_centre = Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
+    expected_m = to_centre.transform(fix.longitude, fix.latitude, fix.altitude)
+    at_m = T_earth_map @ (4.0, -6.0, 5.0, 1.0)
+    np.testing.assert_allclose(at_m[:3], expected_m, rtol=0, atol=0.01)
