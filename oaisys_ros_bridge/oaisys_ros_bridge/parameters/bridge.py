@@ -146,6 +146,14 @@ _FRAMES = (
         changeable=Changeable.UNCONFIGURED,
     ),
     ParameterRow(
+        "magnetic_year",
+        2026.0,
+        "Year of Earth's magnetic field, with its fraction (World Magnetic Model 2025).",
+        least=2025.0,
+        most=2030.0,
+        changeable=Changeable.UNCONFIGURED,
+    ),
+    ParameterRow(
         "tf_rate",
         10.0,
         "How often the rig's last transform and odometry are repeated for late subscribers; 0: "

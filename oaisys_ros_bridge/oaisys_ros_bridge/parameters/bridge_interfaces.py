@@ -157,6 +157,13 @@ _RIG = (
     ),
     Interface(
         InterfaceKind.PUBLISHED,
+        "magnetic_field",
+        "sensor_msgs/msg/MagneticField",
+        "Earth's field in the rig's frame, tesla, without errors (`magnetic_year`), where fix is.",
+        SENSOR,
+    ),
+    Interface(
+        InterfaceKind.PUBLISHED,
         "odometry",
         "nav_msgs/msg/Odometry",
         "The estimated pose of the rig: in the odom frame, with covariance, if it drifts "

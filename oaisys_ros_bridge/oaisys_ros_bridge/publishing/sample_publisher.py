@@ -86,7 +86,7 @@ class SamplePublisher:
             self.publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
         self._base_frame, self._earth_frame = values["base_frame"], values["earth_frame"]
-        self._place = PlaceTopics(self.publishers, self._base_frame)
+        self._place = PlaceTopics(self.publishers, self._base_frame, values["magnetic_year"])
         self._static = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
         self._sample_info = self.publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
         self.trajectory = TrajectoryTopics(node, self.publishers, self._map_frame)

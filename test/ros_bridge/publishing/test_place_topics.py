@@ -23,6 +23,7 @@ from oaisys_ros_bridge.publishing.place_topics import (
     air_pressure_pa,
     fix_msg,
     is_on_earth,
+    magnetic_field_t,
     map_on_earth,
 )
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
@@ -76,6 +77,24 @@ def test_there_is_no_earth_above_the_moon_or_without_a_name() -> None:
 )
 def test_pressure_is_that_of_the_standards_table(altitude_m: float, expected_pa: float) -> None:
     assert air_pressure_pa(altitude_m) == pytest.approx(expected_pa, rel=1e-5)
+
+
+def test_the_magnetic_field_is_that_of_the_models_own_test_values() -> None:
+    """The first row of NOAA's test values: 80° N, 0° E, height 0, 2025.0, in nanotesla."""
+    north, east, down = np.array((6521.6, 145.9, 54791.5)) * 1e-9
+    to_utm = Transformer.from_crs("EPSG:4326", "EPSG:32631", always_xy=True)
+    x, y = to_utm.transform(0.0, 80.0)
+    there = Georeference(CRS.from_epsg(32631).to_wkt(), (1.0, 0.0, x, 0.0, 1.0, y), 0.0)
+    # West of the zone's middle meridian, grid north is west of true north.
+    turn = np.arctan(np.tan(np.radians(-3.0)) * np.sin(np.radians(80.0)))
+    c, s = np.cos(-turn), np.sin(-turn)
+    in_map = (c * east + s * north, c * north - s * east, -down)
+    level = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    np.testing.assert_allclose(magnetic_field_t(level, there, 2025.0), in_map, atol=2e-10)
+    # Turned by 90° to the left, x looks along the map's y.
+    left = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.5**0.5, 0.5**0.5))
+    turned = (in_map[1], -in_map[0], in_map[2])
+    np.testing.assert_allclose(magnetic_field_t(left, there, 2025.0), turned, atol=2e-10)
 
 
 @pytest.mark.long
