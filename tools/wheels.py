@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from oaisys_core.system.python_programs import python_command
 from tools.programs import ROOT
 
 PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_dataset", "oaisys_ros_bridge")
@@ -42,7 +43,7 @@ def build_wheels(out: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as folder:
         for name in NEEDED:
             shutil.copytree(ROOT / name, Path(folder, name), ignore=IGNORED)
-        pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check"]
+        pip = python_command("pip", "wheel", "--quiet", "--disable-pip-version-check")
         # setuptools and the gRPC generator are those of the project's environment.
         options = ["--no-deps", "--no-build-isolation", "--wheel-dir", str(out.resolve())]
         for name in PACKAGES:

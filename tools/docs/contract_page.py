@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorSet
 
+from oaisys_core.system.python_programs import python_command
 from tools.programs import ROOT
 
 FOLDER = ROOT / "oaisys_grpc" / "proto"
@@ -51,7 +51,7 @@ def _file() -> Any:
     """Return the parsed contract, with its comments."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "set")
-        command = [sys.executable, "-m", "grpc_tools.protoc", f"--proto_path={FOLDER}"]
+        command = python_command("grpc_tools.protoc", f"--proto_path={FOLDER}")
         command += ["--include_source_info", f"--descriptor_set_out={out}", FILE]
         subprocess.run(command, check=True, timeout=120)
         return FileDescriptorSet.FromString(out.read_bytes()).file[0]

@@ -91,7 +91,7 @@ def epilog_of(path: str) -> str | None:
     return "\b\nExample:\n  " + " \\\n      ".join(lines)
 
 
-def grouped(names: Sequence[str]) -> dict[str, list[str]]:
+def group_names(names: Sequence[str]) -> dict[str, list[str]]:
     """Return names of commands by the title of their group, in the order of `GROUPS`."""
     groups = {title: [name for name in group if name in names] for title, group in GROUPS.items()}
     known = {name for group in groups.values() for name in group}

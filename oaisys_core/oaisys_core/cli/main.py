@@ -20,7 +20,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
-from oaisys_core.cli.help_texts import add_examples, epilog_of, grouped
+from oaisys_core.cli.help_texts import add_examples, epilog_of, group_names
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.system.shortages import shortage
 from oaisys_core.system.signals import end_at_signal, interrupt_at_signals, work_in_child
@@ -65,7 +65,7 @@ class _InstalledCommands(_Commands):
         """Write the commands in groups."""
         names = self.list_commands(ctx)
         widest = max(map(len, names), default=0)
-        for title, group in grouped(names).items():
+        for title, group in group_names(names).items():
             rows = [
                 (f"{name:<{widest}}", command.short_help or "")
                 for name in group

@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from oaisys_core.cli.help_texts import EXAMPLES, GROUPS, OTHERS, grouped
+from oaisys_core.cli.help_texts import EXAMPLES, GROUPS, OTHERS, group_names
 from oaisys_core.cli.main import app
 
 
@@ -73,4 +73,4 @@ def test_help_shows_groups_and_the_example() -> None:
 
 
 def test_commands_of_other_packages_come_last() -> None:
-    assert grouped(["render", "mine"]) == {"Render": ["render"], OTHERS: ["mine"]}
+    assert group_names(["render", "mine"]) == {"Render": ["render"], OTHERS: ["mine"]}

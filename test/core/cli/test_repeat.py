@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from commands import oaisys, oaisys_here
@@ -279,24 +280,27 @@ def test_the_record_of_a_revisited_view_says_how_it_came_about_there() -> None:
     assert json.loads(again.provenance.metadata_json)["environment"] == {"sky_strength": [0.5, 0.5]}
 
 
-def test_metadata_in_force_is_bounded() -> None:
+def test_metadata_in_force_is_bounded(tmp_path: Path) -> None:
+    sky = tmp_path / "sky.png"
+    cv2.imwrite(str(sky), np.full((4, 8, 3), 128, np.uint8))
     sim = world()
     sim.step_sample()
-    long = {"label": "x" * 200_000, "semantic_id": 77}
     taken = 0
 
     def grow(count: int) -> None:
         nonlocal taken
         for level in range(count):
-            sky = [{"label": "x" * 200_000, "semantic_id": 100 + i} for i in range(level)]
-            sim.step_sample(ModuleMetadata(environment={"sky_levels": sky}), modalities=["depth"])
+            images = [{"file": str(sky), "label": "x" * 1000}] * (200 * level) or [
+                {"file": str(sky)}
+            ]
+            metadata = ModuleMetadata(environment={"hdri": {"images": images}})
+            sim.step_sample(metadata, modalities=["depth"])
             taken = level
 
-    sim.step_sample(ModuleMetadata(environment={"ground_beyond_label": long}))
     with pytest.raises(InvalidInputError, match=rf"metadata: .*at most {MAX_METADATA_BYTES} bytes"):
         grow(8)
     assert taken == 4
-    assert sim.info().sample_id == 2 + taken + 1  # what was refused changed nothing
+    assert sim.info().sample_id == 1 + taken + 1  # what was refused changed nothing
     assert world().repeat(sim.step_sample().outline).sample_id == sim.info().sample_id
 
 

@@ -5,6 +5,7 @@ from datetime import datetime, timedelta, timezone
 from math import degrees, radians
 
 import numpy as np
+import pyproj
 import pytest
 from astral import Observer
 from astral import sun as astral_sun
@@ -90,7 +91,7 @@ def test_it_agrees_with_astral_all_over_the_earth() -> None:
 
 def test_on_earth_it_is_that_of_the_ephemeris() -> None:
     """Skyfield's own sun over Earth, of another theory, within 0.01 degrees and 1e-4 au."""
-    framelib = pytest.importorskip("skyfield.framelib")
+    framelib = pytest.importorskip("skyfield.framelib", exc_type=ModuleNotFoundError)
     bodies, timescale = ephemeris._de421()
     rng = np.random.default_rng(2)
     for days in rng.uniform(0, 20000, 40):
@@ -199,7 +200,6 @@ NOWHERE = SunFromTimeConfig(date_time=datetime(2024, 6, 15, tzinfo=UTC))
 
 def lunar_tile(longitude_deg: float, latitude_deg: float) -> Georeference:
     """A map around a place of the lunar south polar stereographic projection."""
-    pyproj = pytest.importorskip("pyproj")
     system = pyproj.CRS.from_user_input("IAU_2015:30135")
     to_system = pyproj.Transformer.from_crs(system.geodetic_crs, system, always_xy=True)
     x, y = to_system.transform(longitude_deg, latitude_deg)
@@ -228,7 +228,6 @@ def test_at_the_very_pole_longitudes_still_have_directions() -> None:
 @pytest.mark.parametrize("code", ["IAU_2015:49900", "IAU_2015:49901"])
 def test_latitudes_at_the_centre_of_mars_have_the_same_vertical(code: str) -> None:
     """PROJ turns the angle at the centre into that of the vertical."""
-    pyproj = pytest.importorskip("pyproj")
     system = pyproj.CRS.from_user_input(code)
     to_centre = pyproj.Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
