@@ -18,6 +18,9 @@ from oaisys_core.types import FloatArray
 
 ROUGH = sorted(PRESETS.keys() - {"plane"})
 
+SLOW = {"alpine", "badlands", "slab_dunes"}
+"""Presets that take seconds to make."""
+
 
 @cache
 def smooth_ground(preset: str, size_px: int = 257, seed: int = 0) -> tuple[np.ndarray, float]:
@@ -32,8 +35,13 @@ def slopes_deg(elevation_m: np.ndarray, spacing_m: float) -> np.ndarray:
     return np.degrees(np.arctan(np.hypot(*np.gradient(elevation_m, spacing_m))))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("preset", ROUGH)
+@pytest.mark.parametrize(
+    "preset",
+    [
+        pytest.param(preset, marks=pytest.mark.soak if preset in SLOW else pytest.mark.long)
+        for preset in ROUGH
+    ],
+)
 def test_a_seed_gives_one_landscape_at_any_resolution(preset: str) -> None:
     coarse, _ = smooth_ground(preset, 193)
     fine, _ = smooth_ground(preset, 385)
