@@ -96,6 +96,8 @@ def check_values(table: pa.Table, name: str) -> None:
     Raises:
         InvalidInputError: Says which row and column, the value, and what was expected.
     """
+    if not table.num_rows:
+        return
     for column in table.schema.names:
         for bad, expected in _faults(table[column].combine_chunks(), column):
             if bad.any():

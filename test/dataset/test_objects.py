@@ -33,7 +33,7 @@ from small_datasets import render_dataset
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_dataset import Dataset, open_dataset
 from oaisys_dataset.check import check_dataset
-from oaisys_dataset.manifest import FrameRecord
+from oaisys_dataset.manifest import FrameRecord, WorldLegend
 from oaisys_dataset.objects import COLUMNS, SCHEMA, ObjectRow, decode_objects, encode_objects
 from oaisys_dataset.shards import objects_name
 
@@ -274,6 +274,11 @@ def test_rows_that_no_world_can_have_are_refused_where_they_are_read(
         open_dataset(tmp_path / "set").objects(changed.records[0])
     assert name in str(refused.value)
     assert len(str(refused.value)) < 500
+
+
+def test_a_world_without_objects_has_an_empty_table() -> None:
+    file = encode_objects([], WorldLegend(labels={}, instances={}))
+    assert decode_objects(file, "objects.parquet").num_rows == 0
 
 
 @pytest.mark.parametrize(("rows", "text"), [(20, "x" * 1_000_000), (1_500_000, "")])

@@ -166,7 +166,7 @@ def test_a_trajectory_is_flown_point_by_point_until_a_newer_command_comes(stage:
     user.wait_until(lambda: paths.get_subscription_count() == poses.get_subscription_count() == 1)
 
     # What nothing can be made of changes nothing; a point in the ground is left out.
-    for wrong in (trajectory([1.0], frame="odom"), trajectory([])):
+    for wrong in (trajectory([1.0], frame="world"), trajectory([])):
         paths.publish(wrong)
     paths.publish(trajectory([3.0, -3.0, 4.0]))
     user.wait_until(lambda: heights_m(user) == [3, 4])

@@ -48,6 +48,7 @@ MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
 RECORDED = {
     *SAMPLE_TYPES,
     "/camera/detections",
+    "/camera/detections_3d",
     "/camera/instance/camera_info",
     "/camera/semantic_0/camera_info",
     "/camera/transform",
