@@ -18,6 +18,7 @@ from oaisys_ros_bridge.experiments.options import (
     WorkerPythonOption,
     experiment_options,
 )
+from oaisys_ros_bridge.live_view.page_options import HostOption, PortOption
 
 if TYPE_CHECKING:
     from oaisys_grpc.client.simulator_client import ClientTls
@@ -38,13 +39,8 @@ def live(
     tls_ca: TlsCaOption = None,
     tls_cert: TlsCertOption = None,
     tls_key: TlsKeyOption = None,
-    host: Annotated[
-        str,
-        typer.Option(
-            help="Address of the page; 0.0.0.0: reachable from the network, without encryption."
-        ),
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port of the page; 0: a free one.", min=0)] = 8080,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 8080,
     still_quality: Annotated[
         str | None,
         typer.Option(

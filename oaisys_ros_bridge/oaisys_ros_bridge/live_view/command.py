@@ -9,6 +9,7 @@ import typer
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_grpc.client.options import TlsCaOption, TlsCertOption, TlsKeyOption
+from oaisys_ros_bridge.live_view.page_options import HostOption, PortOption
 
 
 def view(
@@ -26,13 +27,8 @@ def view(
         typer.Option(help="Prefix of a camera's topics; repeatable."),
     ] = None,
     map_frame: Annotated[str, typer.Option(help="Frame in which everything is shown.")] = "map",
-    host: Annotated[
-        str,
-        typer.Option(
-            help="Address of the page; 0.0.0.0: reachable from the network, without encryption."
-        ),
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port of the page; 0: a free one.", min=0)] = 8080,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 8080,
     voxel_size: Annotated[
         float, typer.Option(help="Voxel size of the mesh that is made here, metres.", min=1e-3)
     ] = 0.10,
