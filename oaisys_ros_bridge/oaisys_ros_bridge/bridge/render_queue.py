@@ -16,7 +16,8 @@ from builtin_interfaces.msg import Time
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import Frame, LidarScan, Pose, Sample
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
-from oaisys_ros_bridge.bridge.requests import Cancellation, PendingMetadata, ViewRequest, rig_pose
+from oaisys_ros_bridge.bridge.metadata import PendingMetadata
+from oaisys_ros_bridge.bridge.requests import Cancellation, ViewRequest, rig_pose
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.conversions import nanoseconds

@@ -17,29 +17,17 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from oaisys_core.errors import (
     CancelledError,
     InvalidInputError,
-    OaisysError,
-    RenderError,
-    WorkerLostError,
     one_of,
-    one_of_keys,
 )
-from oaisys_core.files.documents import parse_plain_json
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
-from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo, TimedPoses
+from oaisys_core.types import Pose, SimulatorInfo, TimedPoses
 from oaisys_msgs.action import Drive
+from oaisys_ros_bridge.bridge.metadata import json_object
 from oaisys_ros_bridge.conversions import pose_from_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 
 MAX_POSES = 100_000
 """Of a sweep or a trajectory: some days of rendering."""
-
-MODULES = ("sensor", "environment", "asset", "render", "custom")
-MAX_LOST_WORKERS = 2
-"""Workers that may end with a sample of the same metadata before this is dropped: the first may
-have been killed by somebody else."""
-
-_VIEW_FIELDS = ("modalities", "sensors")
-"""Fields of a request beside its metadata that the simulator may refuse."""
 
 
 @dataclass(frozen=True)
@@ -229,120 +217,3 @@ def drive_request(goal: Drive.Goal, frames: FrameHistory) -> DriveRequest:
 def _pose_of(transform: Transform) -> PoseMsg:
     p = transform.translation
     return PoseMsg(position=Point(x=p.x, y=p.y, z=p.z), orientation=transform.rotation)
-
-
-def metadata_of_module(module: str, metadata_json: str) -> ModuleMetadata:
-    """Return the metadata of one module from a JSON object of its keys.
-
-    Raises:
-        InvalidInputError: Unknown module, or no JSON object.
-    """
-    if module not in MODULES:
-        raise InvalidInputError("module", module, one_of(MODULES, module))
-    return _metadata({module: json_object("metadata_json", metadata_json)})
-
-
-def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
-    """Return metadata from a JSON object by module; None if the text is empty.
-
-    Raises:
-        InvalidInputError: No JSON object of JSON objects, or an unknown module.
-    """
-    if not metadata_json.strip():
-        return None
-    by_module = json_object("metadata_json", metadata_json)
-    for module, part in by_module.items():
-        if module not in MODULES:
-            raise InvalidInputError(f"metadata_json.{module}", part, one_of_keys(MODULES, module))
-        if not isinstance(part, dict):
-            raise InvalidInputError(f"metadata_json.{module}", part, "a JSON object")
-    return _metadata(by_module)
-
-
-def json_object(field: str, text: str) -> dict[str, Any]:
-    """Return the JSON object in a text of a request.
-
-    Raises:
-        InvalidInputError: It is none, or beyond the bounds of `parse_plain_json`.
-    """
-    try:
-        value = parse_plain_json(text)
-    except ValueError as error:
-        raise InvalidInputError(field, text, f"a JSON object ({error})") from None
-    if not isinstance(value, dict):
-        raise InvalidInputError(field, text, "a JSON object")
-    return value
-
-
-def _metadata(by_module: dict[str, dict[str, Any]]) -> ModuleMetadata:
-    if "pose" in by_module.get("sensor", {}):
-        received = by_module["sensor"]["pose"]
-        raise InvalidInputError("metadata_json.sensor.pose", received, "poses through set_pose")
-    return ModuleMetadata(**by_module)
-
-
-class PendingMetadata:
-    """Metadata for the next sample; safe to use from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._metadata: ModuleMetadata | None = None
-        self._lost_workers = 0
-
-    def add(self, metadata: ModuleMetadata) -> None:
-        """Merge metadata into what is pending; newer values win."""
-        with self._lock:
-            self._metadata = (self._metadata or ModuleMetadata()).with_update(metadata)
-
-    @property
-    def asset(self) -> ModuleMetadata | None:
-        """The pending metadata of the asset module alone; None: nothing is pending."""
-        with self._lock:
-            metadata = self._metadata
-        if metadata is None or not metadata.asset:
-            return None
-        return ModuleMetadata(asset=metadata.asset)
-
-    def clear(self) -> None:
-        """Drop all pending metadata."""
-        with self._lock:
-            self._metadata, self._lost_workers = None, 0
-
-    @contextmanager
-    def lend(self) -> Iterator[ModuleMetadata | None]:
-        """Lend the pending metadata to a sample; it is pending again if the sample fails.
-
-        Metadata that the simulator refuses, or with which it cannot render, is dropped: it would
-        make every later sample fail. Of the latter, the error says so.
-        """
-        with self._lock:
-            metadata, self._metadata = self._metadata, None
-        try:
-            yield metadata
-        except OaisysError as error:
-            if metadata is None or _is_refusal(error):
-                raise
-            if isinstance(error, RenderError | WorkerLostError) and self._is_to_blame(error):
-                modules = ", ".join(name for name in MODULES if getattr(metadata, name))
-                told = f"the metadata of {modules} that waited for this sample was dropped"
-                raise type(error)(f"{error}; {told}") from error
-            with self._lock:
-                self._metadata = metadata.with_update(self._metadata or ModuleMetadata())
-            raise
-        self._lost_workers = 0
-
-    def _is_to_blame(self, error: RenderError | WorkerLostError) -> bool:
-        """Return whether the metadata may be what a sample failed by, and forget its failures."""
-        with self._lock:
-            self._lost_workers += isinstance(error, WorkerLostError)
-            if isinstance(error, WorkerLostError) and self._lost_workers < MAX_LOST_WORKERS:
-                return False
-            self._lost_workers = 0
-        return True
-
-
-def _is_refusal(error: OaisysError) -> bool:
-    """Return whether the simulator has refused the metadata of a sample, not its view."""
-    if not isinstance(error, InvalidInputError):
-        return False
-    return "pose" not in error.field and error.field not in _VIEW_FIELDS

@@ -1,27 +1,13 @@
-"""The bridge's connection to the simulator: monitored by a thread, restored when it was lost."""
+"""What the bridge asks the simulator for."""
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from queue import SimpleQueue
-from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
-from oaisys_core.errors import (
-    ConfigError,
-    DeadlineExceededError,
-    InvalidInputError,
-    NotReadyError,
-    OaisysError,
-    RenderError,
-    WorkerLostError,
-    WorkerStartingError,
-)
+from oaisys_core.errors import NotReadyError
 from oaisys_core.types import (
     MAX_OBJECTS,
     HeightGrid,
@@ -31,181 +17,21 @@ from oaisys_core.types import (
     ObjectQuery,
     Pose,
     SceneObject,
-    SimulatorInfo,
     TriangleMesh,
 )
-from oaisys_grpc.client.simulator_client import (
-    ClientTls,
-    DriveStream,
-    SampleStream,
-    SimulatorClient,
-)
+from oaisys_grpc.client.simulator_client import DriveStream, SampleStream
 from oaisys_ros_bridge.bridge.requests import DriveRequest, ViewRequest
-
-CHECK_PERIOD_S = 2.0
-"""Between two checks of a server that answers."""
-FIRST_RETRY_S = 0.2
-LONGEST_RETRY_S = 0.5
-HEALTH_TIMEOUT_S = 5.0
-FIRST_REBUILD_S = 15.0
-LONGEST_REBUILD_S = 120.0
-"""Between two attempts at a first batch that the simulator itself says it cannot build."""
+from oaisys_ros_bridge.bridge.simulator_connection import SimulatorConnection
 
 MESH_ATTEMPTS = 3
 """At a mesh, while other clients build worlds."""
 
-_WORLD_ERRORS = (RenderError, InvalidInputError, ConfigError)
-"""Errors of the world, not of the connection: the next attempt probably fails, too."""
 
+class SimulatorLink(SimulatorConnection):
+    """The calls of the bridge, each by the connection's client.
 
-@dataclass(frozen=True)
-class LinkState:
-    """What is known of the server.
-
-    Attributes:
-        info: The server's own description; None while it does not answer.
-        reason: Why it is not ready; empty when it is.
-        connections: How often the server was found so far.
-        is_starting: Whether it answers, but its worker is being started.
+    Errors of a call tell the connection what they say of the server.
     """
-
-    info: SimulatorInfo | None
-    reason: str
-    connections: int
-    is_starting: bool = False
-
-    @property
-    def ready(self) -> bool:
-        """Whether a sample could be rendered now."""
-        return self.info is not None and not self.reason
-
-
-class LinkChange(NamedTuple):
-    """Two states of a link, one after the other."""
-
-    before: LinkState
-    after: LinkState
-
-
-class SimulatorLink:
-    """Keeps a client connected to ``address`` and, if wanted, builds the first batch.
-
-    A thread looks for the server, with growing pauses while there is none, and checks it every
-    `CHECK_PERIOD_S` afterwards. A first batch that cannot be built is tried again after pauses that
-    grow up to `LONGEST_REBUILD_S`.
-
-    Args:
-        address: ``host:port`` or ``unix:PATH``.
-        initial_batch: See the attribute.
-        timeout_s: How long a call may take.
-        on_change: Called after a change was put into `changes`, on any thread; must not block.
-        tls: For a server that encrypts; None: without.
-
-    Attributes:
-        initial_batch: Whether to build a first batch where there is none.
-        building: Whether a batch is being built.
-        changes: Changes of the state, for one reader.
-        config_json: The server's configuration; empty: the server was not found yet, or is too old
-            to send it.
-        first_batch_error: Why the first batch could not be built, in two tries; empty: it could.
-        first_batch_retried_after: Why the first of these tries failed; empty: it did not.
-    """
-
-    def __init__(
-        self,
-        address: str,
-        *,
-        initial_batch: bool,
-        timeout_s: float,
-        on_change: Callable[[], object],
-        tls: ClientTls | None = None,
-    ) -> None:
-        self.address = address
-        self._tls = tls
-        self.initial_batch = initial_batch
-        self.config_json = self._config_sha256 = ""
-        self.building = False
-        self.changes: SimpleQueue[LinkChange] = SimpleQueue()
-        self.first_batch_error = self.first_batch_retried_after = ""
-        self._rebuild_pause_s, self._next_build_s = FIRST_REBUILD_S, 0.0
-        self._timeout_s = timeout_s
-        self._on_change = on_change
-        self._state = LinkState(None, f"no simulator serves at {address}", 0)
-        self._client: SimulatorClient | None = None
-        self._lock = threading.RLock()
-        self._changed = threading.Condition()
-        self._stopping = threading.Event()
-        self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="simulator_link", daemon=True)
-
-    def start(self) -> None:
-        """Start the thread that looks for the server."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Disconnect; calls under way end with an error."""
-        self._stopping.set()
-        self._wake.set()
-        self.wake_waiters()
-        if self._client is not None:
-            self._client.close()
-        if self._thread.is_alive():
-            self._thread.join(timeout=HEALTH_TIMEOUT_S)
-
-    @property
-    def state(self) -> LinkState:
-        """What is known now."""
-        return self._state
-
-    @property
-    def info(self) -> SimulatorInfo:
-        """The server's description.
-
-        Raises:
-            NotReadyError: It does not answer.
-        """
-        state = self._state
-        if state.info is None:
-            raise NotReadyError(state.reason)
-        return state.info
-
-    def wait_for_worker(self, is_cancelled: Callable[[], bool] = lambda: False) -> None:
-        """Look for a simulator that was lost; while it starts its worker, wait for that.
-
-        Args:
-            is_cancelled: Whether to wait no longer; looked at after `wake_waiters`.
-
-        Raises:
-            OaisysError: Nobody answers, or no worker will be started soon.
-            DeadlineExceededError: The worker was not ready in time.
-        """
-        if self._state.info is not None:
-            return
-        if not self._state.is_starting:
-            with self._lock:
-                try:
-                    self.check()
-                except WorkerStartingError as error:
-                    self._lose(error)
-                else:
-                    return
-
-        def is_over() -> bool:
-            is_starting = self._state.is_starting
-            return not is_starting or self._stopping.is_set() or is_cancelled()
-
-        with self._changed:
-            in_time = self._changed.wait_for(is_over, self._timeout_s)
-        reason = self._state.reason
-        if not in_time:
-            raise DeadlineExceededError(f"{reason}, and was not ready within {self._timeout_s:g} s")
-        if self._state.info is None and not is_cancelled():
-            raise NotReadyError(reason)
-
-    def wake_waiters(self) -> None:
-        """Have `wait_for_worker` look whether it is cancelled."""
-        with self._changed:
-            self._changed.notify_all()
 
     @contextmanager
     def sample_stream(
@@ -223,8 +49,8 @@ class SimulatorLink:
         """
         sensors = [request.sensor] if request.sensor else []
         with (
-            self._lock,
-            self._lend_client(waits=False) as client,
+            self.lock,
+            self.lend_client(waits=False) as client,
             client.stream_sample(
                 rig_pose, metadata=metadata, modalities=request.modalities, sensors=sensors
             ) as stream,
@@ -246,9 +72,9 @@ class SimulatorLink:
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        with self._lock:
+        with self.lock:
             self.check()
-            with self._lend_client(waits=False) as client:
+            with self.lend_client(waits=False) as client:
                 planned = client.set_trajectory(request.poses, drive=request.changes)
                 with client.drive(
                     planned.name, sensors=request.sensors, metadata=metadata
@@ -259,7 +85,7 @@ class SimulatorLink:
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
     ) -> int:
         """Build a new batch and return its id; it overtakes a sample that is being rendered."""
-        with self._lend_client() as client, self._is_building():
+        with self.lend_client() as client, self.note_building():
             batch_id = client.step_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
         self.check()
         return batch_id
@@ -270,7 +96,7 @@ class SimulatorLink:
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        with self._lend_client() as client:
+        with self.lend_client() as client:
             return client.list_objects(query, metadata)
 
     def find_objects(self, instance_ids: Sequence[int]) -> list[SceneObject]:
@@ -292,7 +118,7 @@ class SimulatorLink:
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        with self._lend_client() as client:
+        with self.lend_client() as client:
             return client.query_height(points_m)
 
     def height_grid(
@@ -303,7 +129,7 @@ class SimulatorLink:
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        with self._lend_client() as client:
+        with self.lend_client() as client:
             return client.height_grid(resolution_m, extent_m)
 
     def ground_truth_mesh(self) -> tuple[int, TriangleMesh]:
@@ -312,7 +138,7 @@ class SimulatorLink:
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        with self._lend_client() as client:
+        with self.lend_client() as client:
             for _ in range(MESH_ATTEMPTS):
                 before = client.info().batch_id
                 mesh = client.ground_truth_mesh()
@@ -322,152 +148,7 @@ class SimulatorLink:
 
     def end_simulation(self) -> None:
         """End the server's process, after the sample that is being rendered."""
-        with self._lock:
-            with self._lend_client(waits=False) as client:
+        with self.lock:
+            with self.lend_client(waits=False) as client:
                 client.end_simulation()
-            self._lose(NotReadyError("the simulation was ended"))
-
-    @contextmanager
-    def _lend_client(self, *, waits: bool = True) -> Iterator[SimulatorClient]:
-        """Lend the client, and learn from the errors of its calls.
-
-        Args:
-            waits: Whether to wait for a worker that is being started; not with the lock held.
-        """
-        if waits:
-            self.wait_for_worker()
-        if self._client is None:
-            self.check()
-        client = self._client
-        if client is None:
-            raise NotReadyError(self._state.reason)
-        try:
-            yield client
-        except InvalidInputError:
-            raise
-        except OaisysError as error:
-            if isinstance(error, WorkerLostError):
-                with self._lock:
-                    self._enter(self._state.info, str(error))
-            self._wake.set()
-            raise
-
-    def _watch(self) -> None:
-        retry_s = FIRST_RETRY_S
-        while not self._stopping.is_set():
-            # A render under way tells more about the server than a check during the render.
-            if self._lock.acquire(blocking=False):
-                try:
-                    self.check()
-                    retry_s = FIRST_RETRY_S
-                except OaisysError as error:
-                    self._lose(error)
-                    retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
-                finally:
-                    self._lock.release()
-            self._wake.wait(CHECK_PERIOD_S if self._state.info is not None else retry_s)
-            self._wake.clear()
-
-    def find(self) -> SimulatorInfo:
-        """Return the server's description, before `start`; build nothing.
-
-        Raises:
-            OaisysError: It does not answer.
-        """
-        _, info = self._find()
-        self._state = LinkState(info, "no sample can be asked for yet", 1)
-        return info
-
-    def _find(self) -> tuple[SimulatorClient, SimulatorInfo]:
-        if self._client is None:
-            self._client = SimulatorClient(self.address, timeout_s=self._timeout_s, tls=self._tls)
-        client = self._client
-        client.check_ready(HEALTH_TIMEOUT_S)
-        info = client.info()
-        if info.config_sha256 != self._config_sha256:
-            self.config_json, self._config_sha256 = client.config_json(), info.config_sha256
-            self._next_build_s = 0.0
-        return client, info
-
-    def check(self) -> None:
-        """Ask the server for its state, and build the first batch where there is none.
-
-        Waits for the end of a sample that is being rendered.
-
-        Raises:
-            OaisysError: It does not answer, or cannot build.
-        """
-        with self._lock:
-            client, info = self._find()
-            if self._should_build(info):
-                self._build_first_batch(client, info)
-                info = client.info()
-            if info.batch_id > 0:
-                self.first_batch_error, self._rebuild_pause_s = "", FIRST_REBUILD_S
-                self._next_build_s = 0.0
-            if self._state.info is not None and self._state.ready:
-                restarts = info.worker_restarts - self._state.info.worker_restarts
-                if restarts > 0:
-                    self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
-            nothing = self.first_batch_error or "no batch has been stepped yet"
-            self._enter(info, "" if info.batch_id > 0 else nothing)
-
-    def _should_build(self, info: SimulatorInfo) -> bool:
-        """Return whether there is no first batch, one is wanted, and it is time to try."""
-        if self._state.info is None:  # another server, perhaps
-            self._next_build_s = 0.0
-        return info.batch_id == 0 and self.initial_batch and time.monotonic() >= self._next_build_s
-
-    def _build_first_batch(self, client: SimulatorClient, info: SimulatorInfo) -> None:
-        """Build it, and try once more if that failed: the next worker may succeed.
-
-        If the world is at fault, note why, and when to try again.
-
-        Raises:
-            OaisysError: It failed twice, for another reason.
-        """
-        self.first_batch_retried_after = ""
-        self._enter(info, "the first batch is being built")
-        with self._is_building():
-            try:
-                client.step_batch()
-            except OaisysError as error:
-                if self._stopping.is_set():
-                    raise
-                self.first_batch_retried_after = str(error)
-                self._enter(info, f"the first batch failed and is built once more: {error}")
-                try:
-                    client.step_batch()
-                except OaisysError as second:
-                    self.first_batch_error = f"the first batch could not be built, twice: {second}"
-                    if not isinstance(second, _WORLD_ERRORS):
-                        raise
-                    self._next_build_s = time.monotonic() + self._rebuild_pause_s
-                    self._rebuild_pause_s = min(2.0 * self._rebuild_pause_s, LONGEST_REBUILD_S)
-
-    @contextmanager
-    def _is_building(self) -> Iterator[None]:
-        self.building = True
-        try:
-            yield
-        finally:
-            self.building = False
-
-    def _enter(self, info: SimulatorInfo | None, reason: str) -> None:
-        found = int(self._state.info is None and info is not None)
-        self._change(LinkState(info, reason, self._state.connections + found))
-
-    def _lose(self, reason: OaisysError) -> None:
-        """Drop the client: a new one connects without the back-off of the old channel."""
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
-        is_starting = isinstance(reason, WorkerStartingError)
-        self._change(LinkState(None, str(reason), self._state.connections, is_starting))
-
-    def _change(self, state: LinkState) -> None:
-        before, self._state = self._state, state
-        self.wake_waiters()
-        if not self._stopping.is_set():
-            self.changes.put(LinkChange(before, state))
-            self._on_change()
+            self.lose(NotReadyError("the simulation was ended"))

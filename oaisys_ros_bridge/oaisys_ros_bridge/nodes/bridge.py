@@ -17,14 +17,12 @@ from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.drives import drive_server
 from oaisys_ros_bridge.bridge.ground_services import GroundServices
+from oaisys_ros_bridge.bridge.link_state import LinkChange
+from oaisys_ros_bridge.bridge.metadata import metadata_of_module, metadata_of_modules
 from oaisys_ros_bridge.bridge.pose_commands import PoseCommands, sweep_server
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
-from oaisys_ros_bridge.bridge.requests import (
-    ViewRequest,
-    metadata_of_module,
-    metadata_of_modules,
-)
-from oaisys_ros_bridge.bridge.simulator_link import LinkChange, SimulatorLink
+from oaisys_ros_bridge.bridge.requests import ViewRequest
+from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.status import BridgeStatus
 from oaisys_ros_bridge.bridge.true_ground import TrueGround
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics

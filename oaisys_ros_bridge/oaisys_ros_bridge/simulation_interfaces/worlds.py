@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_plain_json
 from oaisys_core.types import ModuleMetadata
-from oaisys_ros_bridge.bridge.requests import metadata_of_modules
+from oaisys_ros_bridge.bridge.metadata import metadata_of_modules
 
 SCHEME = "oaisys:"
 NEXT = "next"

@@ -19,12 +19,12 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.srv import SetMetadata, StepBatch
-from oaisys_ros_bridge.bridge.requests import (
-    MAX_POSES,
+from oaisys_ros_bridge.bridge.metadata import (
     json_object,
     metadata_of_module,
     metadata_of_modules,
 )
+from oaisys_ros_bridge.bridge.requests import MAX_POSES
 
 LOOKING = pose_looking_at((-4, -4, 4), (0, 0, 0))
 NUMBERS = (float("nan"), float("inf"), -float("inf"), 1e308, -1e308, 5e-324)

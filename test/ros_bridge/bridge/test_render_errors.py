@@ -25,7 +25,7 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
-from oaisys_ros_bridge.bridge.requests import PendingMetadata
+from oaisys_ros_bridge.bridge.metadata import PendingMetadata
 from oaisys_ros_bridge.qos import NEWEST_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
