@@ -37,6 +37,10 @@ class WireNames:
                 self._node.executor.add_node(self._without_rules)
         return self._without_rules
 
+    def count_publishers(self, topic: str) -> int:
+        """Return how many publishers a topic has by its full name."""
+        return int(self.node_for(topic).count_publishers(topic))
+
     def destroy(self) -> None:
         """Destroy the second node."""
         if self._without_rules is not None:

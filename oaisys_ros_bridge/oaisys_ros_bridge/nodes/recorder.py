@@ -18,9 +18,9 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_msgs.msg import SampleInfo
+from oaisys_ros_bridge.bags.announced_samples import AnnouncedSamples
 from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, is_moving_tf
-from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
+from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class
 from oaisys_ros_bridge.bags.mcap_format.serialized_stamps import StampReader, stamp_reader
 from oaisys_ros_bridge.bags.topic_selection import (
@@ -30,19 +30,13 @@ from oaisys_ros_bridge.bags.topic_selection import (
 )
 from oaisys_ros_bridge.bags.wire_names import WireNames
 from oaisys_ros_bridge.bags.writing import BagWriter
-from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.private.waiting_messages import take_waiting
-from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
-from oaisys_ros_bridge.subscribing.sample_watch import (
-    SAMPLE_INFO,
-    SampleWatch,
-    counting_losses,
-    name_of,
-)
+from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.subscribing.sample_watch import counting_losses
 from oaisys_ros_bridge.timers import steady_timer
 
 WARNING_PERIOD_S = 3.0
@@ -62,8 +56,6 @@ BUSY_S = 1.0
 """Longest time for which, after that, a message is waited for that is being written."""
 TAKEN_AT_ONCE = 500
 """Messages of one topic that are taken, at the end, before it is the next one's turn."""
-PUBLISHING_S = 2.0
-"""Longest time that publishing a sample takes beside rendering it."""
 MIN_FREE_BYTES = 64 * 2**20
 
 
@@ -108,18 +100,14 @@ class RecorderNode(ParameterNode, Node):
         self._not_installed: set[str] = set()
         self._quiet_lookups = 0
         self._is_ready = False
-        self._ready_ns = 0
         self._has_ended = False
         self._written_at_end = 0
         self._end_asked_ns = sys.maxsize
         self._is_late = False
         self._unwritten: Counter[str] = Counter()
         self._losses = BagLosses()
-        self._lost_by_middleware: Counter[str] = Counter()
-        self._missing_numbers = MissingNumbers()
-        self._watches: dict[str, SampleWatch] = {}
+        self._samples = AnnouncedSamples(self._wire, self._is_recorded)
         self._stamp_readers: dict[str, StampReader] = {}
-        self._counted: set[str] = set()
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._missing = ""
         group = self.default_callback_group
@@ -149,9 +137,7 @@ class RecorderNode(ParameterNode, Node):
         self._end_asked_ns = time.time_ns()
         end_s = time.monotonic() + LONGEST_END_S
         quiet_looks = 0
-        while time.monotonic() < end_s and (
-            quiet_looks < QUIET_LOOKS or any(w.ledger.open for w in self._watches.values())
-        ):
+        while time.monotonic() < end_s and (quiet_looks < QUIET_LOOKS or self._samples.is_any_open):
             before = self._written_at_end
             self._take_waiting()
             time.sleep(END_LOOK_S)
@@ -192,7 +178,7 @@ class RecorderNode(ParameterNode, Node):
         has_found = False
         for name, (type_name, *_) in self.get_topic_names_and_types():
             if type_name == SAMPLE_INFO_TYPE and self._selection.is_near(name):
-                self._count_samples_of(name)
+                self._samples.follow(name)
             if self._is_new(name, type_name):
                 self._subscribe(name, type_name)
                 has_found = True
@@ -216,6 +202,10 @@ class RecorderNode(ParameterNode, Node):
         is_own = name == self._recording.topic_name and name not in self._selection.requested
         return not is_own and self._selection.includes(name, type_name)
 
+    def _is_recorded(self, name: str) -> bool:
+        """Return whether messages of a topic are recorded, once there are any."""
+        return name not in self._not_installed and self._includes(name)
+
     @property
     def _topics_without_publisher(self) -> set[str]:
         """Requested topics that have had no publisher yet."""
@@ -223,10 +213,7 @@ class RecorderNode(ParameterNode, Node):
 
     def _report_ready(self) -> None:
         self._is_ready = True
-        self._ready_ns = time.time_ns()
-        self._counted |= self._subscribed.keys()
-        for watch in self._watches.values():
-            watch.begin(self._ready_ns)
+        self._samples.begin(time.time_ns(), self._subscribed)
         self._recording.publish(Bool(data=True))
         sys.stdout.write(f"recording: {self._folder}\n")
         sys.stdout.flush()
@@ -237,45 +224,6 @@ class RecorderNode(ParameterNode, Node):
         if missing and missing != self._missing:
             self.get_logger().warning(f"nobody publishes {missing} yet")
         self._missing = missing
-
-    def _count_samples_of(self, name: str) -> None:
-        """Count losses from now on against the samples that a topic announces."""
-        if name in self._watches or name.rpartition("/")[2] != SAMPLE_INFO:
-            return
-        node = self._wire.node_for(name)
-        watch = SampleWatch(node, name, self._lost_by_middleware)
-        # A new mapping, as other threads may be going through the old one.
-        self._watches = {**self._watches, name: watch}
-        if self._is_ready:
-            watch.begin(self._ready_ns)
-        node.create_subscription(
-            SampleInfo,
-            name,
-            partial(self._on_sample_info, watch),
-            SMALL_MESSAGE_QOS,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            event_callbacks=counting_losses(self._lost_by_middleware, name, SMALL_MESSAGE_QOS),
-        )
-
-    def _on_sample_info(
-        self, watch: SampleWatch, info: SampleInfo, received: dict[str, int]
-    ) -> None:
-        """Expect the messages of a sample on the recorded topics."""
-        rendered_ns = int((info.render_time + PUBLISHING_S) * NS_PER_S)
-        topics = self._due_topics(watch, info, received["source_timestamp"] - rendered_ns)
-        watch.ledger.announce(name_of(info), info.sequence, topics & set(info.topics))
-
-    def _due_topics(self, watch: SampleWatch, info: SampleInfo, begun_ns: int) -> set[str]:
-        """Return the topics on which a sample has messages that this recorder can have received.
-
-        They are all that it records if the sample began after it was ready; otherwise those that
-        it knew. Of the first announced sample, messages may have been sent before it was there.
-        """
-        if watch.reader_was_first or (self._is_ready and begun_ns > self._ready_ns):
-            return {t for t in info.topics if t not in self._not_installed and self._includes(t)}
-        if watch.ledger.state.announced:
-            return self._counted
-        return watch.ledger.arrivals(nanoseconds(info.header.stamp))
 
     def _subscribe(self, name: str, type_name: str) -> None:
         """Subscribe to a topic, unless it has lost its publishers or its type is not installed."""
@@ -307,7 +255,7 @@ class RecorderNode(ParameterNode, Node):
             callback_group=MutuallyExclusiveCallbackGroup(),
             event_callbacks=None
             if is_motion
-            else counting_losses(self._lost_by_middleware, name, qos),
+            else counting_losses(self._samples.lost_by_middleware, name, qos),
         )
 
     def destroy_node(self) -> None:
@@ -317,7 +265,7 @@ class RecorderNode(ParameterNode, Node):
 
     def _record(self, name: str, is_motion: bool, data: bytes, info: dict[str, int]) -> None:
         if is_motion:
-            self._count_missing(name, info["publication_sequence_number"])
+            self._samples.count_missing(name, info["publication_sequence_number"])
         was_before_end = info["source_timestamp"] <= self._end_asked_ns
         with self._bag_lock:
             if self._is_late:
@@ -335,36 +283,25 @@ class RecorderNode(ParameterNode, Node):
         if was_before_end and name not in self._transforms:
             self._written_at_end += self._end_asked_ns < sys.maxsize
         if (read_stamp := self._stamp_readers.get(name)) and (stamp_ns := read_stamp(data)):
-            self._counted.add(name)
-            for watch in self._watches.values():
-                watch.ledger.arrive(name, stamp_ns)
-
-    def _count_missing(self, name: str, number: int) -> None:
-        """Count the messages before this one that did not come; several publishers hide them."""
-        missing = self._missing_numbers.before(name, number)
-        if missing and self.count_publishers(name) == 1:
-            self._lost_by_middleware[name] += missing
+            self._samples.arrive(name, stamp_ns)
 
     def _end(self) -> None:
         """Count what has not been received as lost, and close the bag."""
         self._has_ended = True
-        for watch in self._watches.values():
-            watch.ledger.give_up_all()
-            watch.end()
+        self._samples.give_up_all()
+        self._samples.end()
         self._close_bag()
 
     def _give_up(self, reason: str) -> None:
         """Close the bag because it cannot be written any more."""
         self._has_ended = True
-        for watch in self._watches.values():
-            watch.end()
+        self._samples.end()
         self._recording.publish(Bool(data=False))
         self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
         self._close_bag()
 
     def _close_bag(self) -> None:
-        states = [watch.ledger.state for watch in self._watches.values()]
-        self._losses = BagLosses.of(states, self._lost_by_middleware, self._unwritten)
+        self._losses = self._samples.losses(self._unwritten)
         try:
             self._bag.close(self._losses)
         except OSError as error:
