@@ -38,9 +38,23 @@ class ManagedProcess:
     """
 
     def __init__(
-        self, name: str, command: Sequence[str], log: Path, environment: Mapping[str, str]
+        self,
+        name: str,
+        command: Sequence[str],
+        log: Path,
+        environment: Mapping[str, str],
+        *,
+        logs_output: bool = False,
     ) -> None:
-        """Start ``command``, with its standard error in the file ``log``."""
+        """Start ``command``, with its standard error in the file ``log``.
+
+        Args:
+            name: In errors.
+            command: The program and its arguments.
+            log: A file of this user alone.
+            environment: Of the program.
+            logs_output: Whether its standard output goes there, too, and no line is waited for.
+        """
         self.name = name
         self._log = log
         self._is_interrupted = False
@@ -51,7 +65,7 @@ class ManagedProcess:
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
+                stdout=output if logs_output else subprocess.PIPE,
                 stderr=output,
                 env=python_environment(environment) | owner_variables(),
                 start_new_session=True,
@@ -96,6 +110,11 @@ class ManagedProcess:
         raise DeadlineExceededError(
             f"{self.name} did not print {prefix!r} within {timeout_s:g} s{self._quote_log()}"
         )
+
+    @property
+    def exit_code(self) -> int | None:
+        """The process's exit code; None: it runs."""
+        return self._process.poll()
 
     def check(self) -> None:
         """Raise `WorkerLostError` where the process has ended; quotes its log."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from explore_runs import WORLD, run
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
@@ -33,28 +31,10 @@ from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 
-WORLD = """
-seed: 4
-stage: {preset: mountain_1, extent_m: 24, resolution_px: 193}
-materials: {texture_size_px: 64, mask: {size_px: 128}}
-assets: {rocks: [{count: [20, 20], size_m: [0.3, 1.0]}]}
-"""
 CAMERA = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
 VEHICLE = Vehicle(CAMERA, T_LINK_OPTICAL, 0.6, 12.0)
 BOUNDS = Bounds(np.array([-10.0, -10, -4]), np.array([10.0, 10, 4]))
 START = level_pose(np.array([-8.0, 0, 0]), 0.0)
-
-
-def run(out: Path, world: Path, domain_id: int, *more: str) -> subprocess.CompletedProcess[str]:
-    options = ("--config", str(world), "--out", str(out), "--backend", "analytic", *more)
-    return subprocess.run(
-        [sys.executable, "-m", "oaisys_core", "explore", *options],
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain_id)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
 
 
 @pytest.fixture

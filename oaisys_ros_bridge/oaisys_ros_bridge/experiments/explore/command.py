@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.experiments.options import (
     BackendOption,
     BagOption,
@@ -39,6 +40,17 @@ PlannerOption = Annotated[
         help="next_best_view, frontier, grid, random, or an installed package's; several are "
         "separated by commas; all: these four."
     ),
+]
+NodeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=COMMAND",
+        help="A planner that is a program of its own, such as a ROS node; may be repeated.",
+    ),
+]
+NodeSilenceOption = Annotated[
+    float,
+    typer.Option(help="A --node is done once it has commanded no view for so long, s.", min=1),
 ]
 CompareOption = Annotated[
     bool, typer.Option("--compare", help="Have all other planners explore the same worlds, too.")
@@ -82,6 +94,8 @@ def explore(
     out: OutOption = Path("out/explore"),
     config: ConfigOption = None,
     planner: PlannerOption = "next_best_view",
+    node: NodeOption = None,
+    node_silence: NodeSilenceOption = 60.0,
     compare: CompareOption = False,
     seeds: SeedsOption = "1",
     seed: SeedOption = None,
@@ -118,6 +132,7 @@ def explore(
     """
     require_shared_memory()  # before anything imports rclpy
     from oaisys_ros_bridge.experiments.explore.explore import run_explore
+    from oaisys_ros_bridge.experiments.explore.node_planner import node_planner
     from oaisys_ros_bridge.experiments.explore.plan import (
         FIRST_SEED,
         ExploreOptions,
@@ -127,7 +142,10 @@ def explore(
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.experiments.progress import Reporter
 
-    planners = planners_of(planner, compare=compare)
+    if node and via != RequestMethod.SERVICE:
+        raise InvalidInputError("--via", via.value, "service: a --node commands trajectories")
+    programs = [node_planner(text, node_silence) for text in node or ()]
+    planners = planners_of(planner, [each.name for each in programs], compare=compare)
     worlds = seeds_of(seeds, FIRST_SEED if seed is None else seed)
     shared = experiment_options(
         out=out,
@@ -149,8 +167,9 @@ def explore(
     goal = UNTIL if len(planners) == 1 else UNTIL_COMPARED
     options = ExploreOptions(
         **shared,
-        bridge_parameters={"trajectory_points": "last"},
+        bridge_parameters={"trajectory_points": "every" if programs else "last"},
         planners=planners,
+        programs=programs,
         seeds=worlds,
         via=via,
         views=views,

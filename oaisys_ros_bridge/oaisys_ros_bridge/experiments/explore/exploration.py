@@ -38,7 +38,6 @@ class Exploration:
     """What a vehicle has flown and observed.
 
     Attributes:
-        voxels: The observed map.
         poses: Of the vehicle, one per view.
         path_m: Length of the path flown up to each view.
         plan_s: How long the planner took for each next pose.
@@ -46,7 +45,6 @@ class Exploration:
         refused: How many poses the simulator refused.
     """
 
-    voxels: OccupancyMap
     poses: list[Pose] = field(default_factory=list)
     path_m: list[float] = field(default_factory=list)
     plan_s: list[float] = field(default_factory=list)
@@ -83,8 +81,8 @@ def explore(
         RenderError: The first pose was refused, or `MAX_REFUSALS` in a row.
         OaisysError: The planner asked for a pose that it cannot reach.
     """
-    result = Exploration(OccupancyMap(bounds, voxel_size_m))
-    result.voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
+    result, voxels = Exploration(), OccupancyMap(bounds, voxel_size_m)
+    voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
     pose, flown_m, refused = start, 0.0, 0
     path_m = np.array([start.position_m])
     while len(result.poses) < limits.views:
@@ -97,13 +95,13 @@ def explore(
                 raise
         else:
             refused = 0
-            _integrate(result.voxels, frame, vehicle)
+            _integrate(voxels, frame, vehicle)
             result.poses.append(pose)
             result.views.append(view)
             result.path_m.append(flown_m)
             if not goes_on(result):
                 break
-        situation = Situation(vehicle, result.voxels, result.poses, rng)
+        situation = Situation(vehicle, voxels, result.poses, rng)
         next_pose = _time_plan(planner, situation, result)
         if next_pose is None:
             break

@@ -47,6 +47,7 @@ from oaisys_ros_bridge.experiments.explore.exploration import (
     ExplorationLimits,
     explore,
 )
+from oaisys_ros_bridge.experiments.explore.node_planner import VIEW_TIMEOUT_S, watch
 from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, start_pose
 from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient, poses_along
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
@@ -54,8 +55,6 @@ from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.report import ExperimentRun, write_experiment_report
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
-
-VIEW_TIMEOUT_S = 300.0
 
 REACHABLE_POSES = 600
 """Random poses in truly free space: surface that none of them sees counts as out of reach."""
@@ -88,8 +87,10 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
         OaisysError: A process failed, or did not answer in time.
     """
     started_s = time.monotonic()
+    programs = {program.name for program in options.programs}
     for name in options.planners:
-        make_planner(name)
+        if name not in programs:
+            make_planner(name)
     with bring_up(options, TrajectoryClient, reporter) as stack:
         records, mapped, area = _explore_all(options, stack, reporter)
         losses = stack.client.shortfalls(MAP_TIMEOUT_S)
@@ -195,6 +196,7 @@ def _explore_world(
 ) -> tuple[Exploration, list[float]]:
     """Let a planner explore a world; return the exploration and the coverage after each view."""
     coverage: list[float] = []
+    limits = ExplorationLimits(_most_views(options, name), options.path_m)
 
     def render(pose: Pose, path_m: FloatArray) -> tuple[ReceivedView, DepthFrame]:
         raise_if_interrupted()
@@ -219,6 +221,10 @@ def _explore_world(
         )
         return coverage[-1] < options.until
 
+    for program in options.programs:
+        if program.name == name:
+            log = options.out / "logs" / f"{name}-{seed}.log"
+            return watch(program, stack.client, area.start, limits, log, goes_on), coverage
     found = explore(
         render,
         make_planner(name),
@@ -226,7 +232,7 @@ def _explore_world(
         area.bounds,
         area.vehicle,
         options.planning_voxel_m,
-        ExplorationLimits(_most_views(options, name), options.path_m),
+        limits,
         np.random.default_rng(seed),
         goes_on,
     )

@@ -16,6 +16,7 @@ from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
 from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
+from oaisys_ros_bridge.experiments.explore.node_planner import NodePlanner
 
 PACKAGE = "oaisys_ros_bridge"
 
@@ -35,6 +36,7 @@ class ExploreOptions(ExperimentOptions):
 
     Attributes:
         planners: Names of the planners, each of which explores every world.
+        programs: Those of them that are programs of their own.
         seeds: One world each.
         via: How views are requested: by ``service`` or by ``trajectory``.
         views: Most views of an exploration.
@@ -48,6 +50,7 @@ class ExploreOptions(ExperimentOptions):
     """
 
     planners: Sequence[str]
+    programs: Sequence[NodePlanner]
     seeds: Sequence[int]
     via: str
     views: int
@@ -60,8 +63,10 @@ class ExploreOptions(ExperimentOptions):
     start_height_m: float
 
 
-def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
-    """Return the planners that ``--planner`` names, once each; with ``compare`` all own ones, too.
+def planners_of(text: str, programs: Sequence[str] = (), *, compare: bool) -> tuple[str, ...]:
+    """Return the planners that ``--planner`` names, once each, and then the rest of ``programs``.
+
+    With ``compare`` all own ones follow.
 
     Raises:
         InvalidInputError: It names none.
@@ -71,7 +76,7 @@ def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
         raise InvalidInputError("--planner", text, "names with commas between them")
     ours = tuple(BUILT_IN_PLANNERS)
     named = [each for name in names for each in (ours if name == ALL_PLANNERS else (name,))]
-    return tuple(dict.fromkeys((*named, *(ours if compare else ()))))
+    return tuple(dict.fromkeys((*named, *programs, *(ours if compare else ()))))
 
 
 def start_pose(

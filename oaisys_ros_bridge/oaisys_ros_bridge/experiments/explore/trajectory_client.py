@@ -17,14 +17,15 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
+from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.planner import level_poses_towards
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.conversions import nanoseconds, pose_to_msg
+from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds, pose_from_msg, pose_to_msg
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient, ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC
-from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, SENSOR_QOS, SMALL_MESSAGE_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
 
 FRAME_TIMEOUT_S = 20.0
@@ -55,7 +56,8 @@ class TrajectoryClient(PlannerClient):
             (CameraInfo, f"{namespace}/depth/camera_info", self._image_adder("info"), SENSOR_QOS),
         ):
             self.subscribe(message_type, topic, partial(self._assemble, add), qos)
-        self.subscribe(SampleInfo, "oaisys_bridge/sample_info", self._on_sample_info, SENSOR_QOS)
+        samples = "oaisys_bridge/sample_info"
+        self.subscribe(SampleInfo, samples, self._on_sample_info, SMALL_MESSAGE_QOS)
         self._trajectories = self.node.create_publisher(
             MultiDOFJointTrajectory, "command/trajectory", TRAJECTORY_DEPTH
         )
@@ -104,13 +106,64 @@ class TrajectoryClient(PlannerClient):
         self.wait("the view at the end of a trajectory", has_arrived, timeout_s)
         with self.changed:
             stamp_ns = self._last_stamp_ns = found[0]
-            images = self._pop_images(divmod(stamp_ns, 1_000_000_000))
+            images = self._pop_images(divmod(stamp_ns, NS_PER_S))
             service_s = time.monotonic() - started_s
             render_s = self._infos[stamp_ns].render_time
             return ReceivedView(images, render_s, service_s, stamp_ns), self._frames[stamp_ns]
 
+    def commanded_view(
+        self, silence_s: float, is_over: Callable[[], bool], timeout_s: float
+    ) -> tuple[ReceivedView, Pose] | None:
+        """Return the next view that another node has commanded, and the rig's pose.
+
+        Args:
+            silence_s: How long to wait for one.
+            is_over: Whether no more are to be expected; looked at while none comes.
+            timeout_s: From its announcement until all of its images must have been received.
+
+        Returns:
+            None: no view was announced in time, or before it was over.
+
+        Raises:
+            OaisysError: Announcements or images were not received.
+        """
+        last_ns = self._last_stamp_ns
+        self.wait("the last view's announcement", lambda: last_ns in self._infos, FRAME_TIMEOUT_S)
+        try:
+            self.wait("a view", lambda: self._next_stamp_ns() is not None or is_over(), silence_s)
+        except DeadlineExceededError:
+            return None
+        with self.changed:
+            stamp_ns = self._next_stamp_ns()
+            if stamp_ns is None:
+                return None
+            info, before = self._infos[stamp_ns], self._infos[last_ns]
+        missing = info.sequence - before.sequence - 1
+        if missing:
+            raise OaisysError(f"{missing} view(s) before sample {info.sample_id} were not received")
+        began_s = time.monotonic()
+        what = f"the images of sample {info.sample_id}"
+        stamp = divmod(stamp_ns, NS_PER_S)
+        self.wait(what, lambda: self._has_images(stamp), timeout_s)
+        with self.changed:
+            self._last_stamp_ns = stamp_ns
+            self._frames.clear()
+            images = self._pop_images(stamp)
+            self._infos = {k: v for k, v in self._infos.items() if k >= stamp_ns}
+        service_s = info.render_time + time.monotonic() - began_s
+        view = ReceivedView(images, info.render_time, service_s, stamp_ns)
+        return view, pose_from_msg(info.rig_pose, "sample_info.rig_pose")
+
+    def _next_stamp_ns(self) -> int | None:
+        """Return the stamp of the first view after the last one that was returned, if any."""
+        return min((stamp for stamp in self._infos if stamp > self._last_stamp_ns), default=None)
+
+    def replace_commands(self, pose: Pose) -> None:
+        """Have the rig go to a pose instead of where earlier commands would still take it."""
+        self._trajectories.publish(trajectory_to_msg([pose], Header(frame_id=MAP_FRAME)))
+
     def _is_complete(self, stamp_ns: int) -> bool:
-        return stamp_ns in self._frames and self._has_images(divmod(stamp_ns, 1_000_000_000))
+        return stamp_ns in self._frames and self._has_images(divmod(stamp_ns, NS_PER_S))
 
     def _on_sample_info(self, message: SampleInfo) -> None:
         self._infos[nanoseconds(message.header.stamp)] = message

@@ -1,0 +1,131 @@
+"""A planner that is a program of its own: it commands views over ROS, and is watched."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.system.owner import command_with_owner
+from oaisys_core.system.processes import ManagedProcess
+from oaisys_core.types import Pose
+from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
+from oaisys_ros_bridge.experiments.explore.exploration import Exploration, ExplorationLimits
+from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient
+from oaisys_ros_bridge.experiments.planner_client import ReceivedView
+
+VIEW_TIMEOUT_S = 300.0
+
+
+@dataclass(frozen=True)
+class NodePlanner:
+    """A program that plans.
+
+    Attributes:
+        name: In the report.
+        command: The program and its arguments.
+        silence_s: It is done once it has commanded no view for so long.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    silence_s: float
+
+
+def node_planner(text: str, silence_s: float) -> NodePlanner:
+    """Return the planner that an option ``NAME=COMMAND`` names.
+
+    Raises:
+        InvalidInputError: It has no such form, a built-in planner's name, or no program to run.
+    """
+    name, _, command = text.partition("=")
+    name = name.strip()
+    try:
+        words = tuple(shlex.split(command))
+    except ValueError as error:
+        raise InvalidInputError("--node", text, f"NAME=COMMAND ({error})") from None
+    if not name or not words:
+        raise InvalidInputError("--node", text, "NAME=COMMAND")
+    if name in BUILT_IN_PLANNERS or "," in name:
+        raise InvalidInputError("--node", name, "a name without comma that no built-in planner has")
+    if shutil.which(words[0]) is None:
+        raise InvalidInputError("--node", words[0], "a program that can be run")
+    return NodePlanner(name, words, silence_s)
+
+
+def watch(
+    planner: NodePlanner,
+    client: TrajectoryClient,
+    start: Pose,
+    limits: ExplorationLimits,
+    log: Path,
+    goes_on: Callable[[Exploration], bool],
+) -> Exploration:
+    """Render from ``start``, then let the program command views until it or a limit ends it.
+
+    It is done when it exits with code 0, or is silent. The way between two views counts as
+    straight; what the bridge refused is in its log.
+
+    Args:
+        planner: The program; it runs in this process's ROS domain.
+        client: Receives what is rendered.
+        start: Of the rig; the program learns it from odometry and TF.
+        limits: When to end.
+        log: The program's output.
+        goes_on: Called after every view; returns whether to go on.
+
+    Raises:
+        OaisysError: The first pose was refused, a view was not received, or the program failed.
+    """
+    result = Exploration()
+    view, _ = client.view_by_service(start, VIEW_TIMEOUT_S)
+    _add(result, view, start)
+    if not goes_on(result) or limits.views == 1:
+        return result
+    command = command_with_owner(planner.command)
+    process = ManagedProcess(planner.name, command, log, os.environ, logs_output=True)
+
+    def has_exited() -> bool:
+        return process.exit_code is not None
+
+    with process:
+        while len(result.poses) < limits.views:
+            asked_s = time.monotonic()
+            found = client.commanded_view(planner.silence_s, has_exited, VIEW_TIMEOUT_S)
+            if found is None:
+                _require_success(process)
+                break
+            view, pose = found
+            if _length_m(result, pose) > limits.path_m:
+                break
+            result.plan_s.append(max(time.monotonic() - asked_s - view.render_s, 0.0))
+            _add(result, view, pose)
+            if not goes_on(result):
+                break
+    client.replace_commands(result.poses[-1])
+    return result
+
+
+def _require_success(process: ManagedProcess) -> None:
+    """Raise `OaisysError` where the program has ended with another exit code than 0."""
+    if process.exit_code not in (None, 0):
+        process.check()
+
+
+def _length_m(result: Exploration, pose: Pose) -> float:
+    """Return the length flown up to a next pose."""
+    step_m = np.subtract(pose.position_m, result.poses[-1].position_m)
+    return result.path_m[-1] + float(np.linalg.norm(step_m))
+
+
+def _add(result: Exploration, view: ReceivedView, pose: Pose) -> None:
+    result.path_m.append(_length_m(result, pose) if result.poses else 0.0)
+    result.poses.append(pose)
+    result.views.append(view)

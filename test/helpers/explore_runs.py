@@ -1,0 +1,28 @@
+"""``oaisys explore`` in a small world, as a user runs it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+WORLD = """
+seed: 4
+stage: {preset: mountain_1, extent_m: 24, resolution_px: 193}
+materials: {texture_size_px: 64, mask: {size_px: 128}}
+assets: {rocks: [{count: [20, 20], size_m: [0.3, 1.0]}]}
+"""
+
+
+def run(out: Path, world: Path, domain_id: int, *more: str) -> subprocess.CompletedProcess[str]:
+    """Return how it ended."""
+    options = ("--config", str(world), "--out", str(out), "--backend", "analytic", *more)
+    return subprocess.run(
+        [sys.executable, "-m", "oaisys_core", "explore", *options],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain_id)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
