@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.types import FloatArray
 
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Weights of linear red, green and blue (ITU-R BT.709)."""
+
 AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 
 
@@ -16,6 +19,14 @@ def linear(srgb: ArrayLike) -> FloatArray:
     """Return the linear values of sRGB-encoded ones, 0 to 1 (IEC 61966-2-1); inverse: `srgb`."""
     s = np.asarray(srgb, dtype=np.float64)
     return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+
+
+def mean_linear(srgb_bytes: NDArray[np.uint8]) -> FloatArray:
+    """Return the (3,) mean of the linear values of (..., 3) sRGB-encoded bytes."""
+    levels = linear(np.arange(256) / 255)
+    channels = srgb_bytes.reshape(-1, 3).T
+    counts = [np.bincount(channel, minlength=256) for channel in channels]
+    return np.array(counts) @ levels / channels.shape[1]
 
 
 def srgb(linear_color: NDArray[AnyFloat]) -> NDArray[AnyFloat]:

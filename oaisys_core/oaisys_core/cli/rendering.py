@@ -110,6 +110,9 @@ def render(
             run = _Run(simulation, writer, steps, output.batches, output.save_blend)
             run.start(chosen, is_resumed=resume)
             run.finish()
+        except InvalidInputError:
+            writer.withdraw()
+            raise
         finally:
             simulation.close()
 

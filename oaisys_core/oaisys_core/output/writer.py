@@ -20,6 +20,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,7 @@ class SampleWriter:
         """Write into ``out``; ``batch_offset`` is added to the numbers of batch folders."""
         self._out = out
         self._batch_offset = batch_offset
+        self._has_begun = False
 
     def begin(self, config: SimulationConfig) -> None:
         """Start a run by writing its configuration.
@@ -66,6 +68,17 @@ class SampleWriter:
             expected = "a folder without an earlier run, or --resume to continue that run"
             raise InvalidInputError("out", str(self._out), expected)
         write_text(self._out / CONFIG, config_text(config))
+        self._has_begun = True
+
+    def withdraw(self) -> None:
+        """Remove what `begin` has written if no sample followed, so that a run can begin again."""
+        if not self._has_begun or (self._out / STATE).exists():
+            return
+        (self._out / CONFIG).unlink(missing_ok=True)
+        for batch in self._out.glob("batch_*"):
+            (batch / COUNTS).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # something else has been written
+                batch.rmdir()
 
     def resume(self, config: SimulationConfig) -> dict[str, Any] | None:
         """Return the state of the run in the folder, or None if it has not written a sample yet.

@@ -12,10 +12,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.color import LUMINANCE, mean_linear
 from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.tiling import PlainTiling, Tiling
 from oaisys_core.types import FloatArray
+
+SAMPLED_PX = 256
+"""Pixels of a texture's row of which its mean colour is taken."""
 
 BLOCK = 16384
 """Points that are labelled at once, so that intermediate arrays fit into the CPU cache."""
@@ -166,6 +170,17 @@ class TerrainMaterial:
         lower, upper = m00 * (1 - s) + m10 * s, m01 * (1 - s) + m11 * s
         weights = np.asarray(lower * (1 - t) + upper * t).T
         return weights if self.land is None else self.land.blend(xy, weights)
+
+    @cached_property
+    def mean_luminance(self) -> float:
+        """Mean linear luminance of the layers' albedo, 0 to 1, by their shares of the stage."""
+        step = [max(len(each.maps.color_srgb) // SAMPLED_PX, 1) for each in self.layers]
+        colors = [
+            mean_linear(layer.maps.color_srgb[::every, ::every])
+            for layer, every in zip(self.layers, step, strict=True)
+        ]
+        shares = self.masks.mean(axis=(1, 2), dtype=np.float64)
+        return float(shares @ np.array(colors) @ LUMINANCE / shares.sum())
 
     @cached_property
     def patch_m(self) -> float:

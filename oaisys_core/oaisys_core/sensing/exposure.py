@@ -7,22 +7,23 @@ rendered again looks the same.
   (ISO 2720). A mean of linear values is hardly changed by noise, so pictures of few and of many
   samples per pixel get the same exposure.
 * The sky counts little, so that neither a bright nor a black one decides how the ground looks.
+* Dark ground is shown darker than bright ground, as far as the meter is told to: by itself it would
+  show black sand and snow alike, as reflected-light meters do and incident-light meters do not.
 * Only a small share of the picture may be brighter than white, as in the automatic exposure of
   rovers' engineering cameras (Maki et al. 2003, Mars Exploration Rover Engineering Cameras).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log2
 
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.float32]
+from oaisys_core.color import LUMINANCE
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Weights of linear red, green and blue (ITU-R BT.709)."""
+Image = NDArray[np.float32]
 
 CELL_PX = 4
 """Edge length of the squares whose means are metered."""
@@ -36,6 +37,9 @@ mean is taken again for that."""
 
 DARKEST_SKY_EV, DARKEST_GROUND_EV = -4.0, -12.0
 """Least that sky and ground count for, in stops beside each other: a black sky says nothing."""
+
+USUAL_ALBEDO, LEAST_ALBEDO = 0.2, 0.01
+"""Albedo of ground that is exposed to the target itself, and the least that ground counts for."""
 
 MAX_DARKENING_EV = 2.0
 """Stops by which bright parts may darken a picture."""
@@ -53,6 +57,12 @@ class AutoExposure:
     min_ev: float = -6.0
     max_ev: float = 8.0
     bright_share: float = 0.02
+    albedo_share: float = 0.0
+
+    def for_ground(self, albedo: float) -> AutoExposure:
+        """Return the meter of a world whose ground has a mean albedo, as luminance from 0 to 1."""
+        relative = max(albedo, LEAST_ALBEDO) / USUAL_ALBEDO
+        return replace(self, target=self.target * relative**self.albedo_share, albedo_share=0.0)
 
 
 STANDARD_METER = AutoExposure()

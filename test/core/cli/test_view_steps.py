@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from commands import oaisys_here
 
 from oaisys_core.cli.pose_steps import view_steps
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
 
 Point = tuple[float, float, float]
+WORLD = """
+backend: analytic
+stage: {preset: plane, extent_m: 20, resolution_px: 33, surroundings: plain}
+materials: {texture_size_px: 32, mask: {size_px: 32}}
+assets: {rocks: [{count: [3, 3]}]}
+sensors: {cameras: [{width_px: 16, height_px: 12, modalities: [depth]}]}
+"""
 
 
 @pytest.mark.parametrize("target_m", [(3.0, 4.0, 0.0), (1.0, 2.0, 0.0), (-5.0, 2.0, 9.0)])
@@ -37,3 +47,18 @@ def test_half_a_view_is_refused(
 ) -> None:
     with pytest.raises(InvalidInputError, match=message):
         view_steps(position_m, target_m, 1)
+
+
+def test_a_refused_view_leaves_nothing_that_hinders_the_next_try(tmp_path: Path) -> None:
+    world, out = tmp_path / "world.yaml", tmp_path / "out"
+    world.write_text(WORLD, encoding="utf-8")
+    options = ["render", "--config", str(world), "--out", str(out), "--look-at", "4", "0", "0"]
+    refused = oaisys_here(*options, "--position", "-4", "0", "-9")
+    assert refused.returncode == 2
+    assert "pose.position" in refused.stderr
+    assert not list(out.iterdir())
+    rendered = oaisys_here(*options, "--position", "-4", "0", "9")
+    assert rendered.returncode == 0, rendered.stderr
+    # What a run has rendered is not withdrawn by one that is refused.
+    assert oaisys_here(*options, "--position", "-4", "0", "9").returncode == 2
+    assert (out / "state.json").is_file()

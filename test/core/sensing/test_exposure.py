@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -162,3 +164,37 @@ def test_samples_without_colour_have_no_exposure() -> None:
 def test_limits_in_the_wrong_order_are_refused() -> None:
     with pytest.raises(ConfigError, match="auto_exposure"):
         simulation(render={"auto_exposure": {"min_ev": 2, "max_ev": 1}})
+
+
+def grey_world(folder: Path, byte: int, albedo_share: float) -> Simulation:
+    """A world whose ground has one colour everywhere."""
+    folder.mkdir()
+    color = np.full((8, 8, 3), byte, np.uint8)
+    assert cv2.imwrite(str(folder / "ground_color.png"), color)
+    layer = {"folder": str(folder), "label": "ground", "semantic_id": 1}
+    variation = {"brightness": 0.0, "tint": 0.0}
+    return simulation(
+        materials={**SIMPLE["materials"], "layers": [layer], "variation": variation},
+        render={"auto_exposure": {"albedo_share": albedo_share}},
+        environment={"sky": {"model": "none"}},
+    )
+
+
+@pytest.mark.parametrize(("albedo_share", "shown"), [(1.0, 0.0), (0.5, 0.5), (0.0, 1.0)])
+def test_dark_ground_is_dark_beside_bright_ground(
+    albedo_share: float, shown: float, tmp_path: Path
+) -> None:
+    """With a share of 1, the same light has the same exposure, whatever it falls on."""
+    dark, bright = 100, 160  # sRGB-encoded
+    worlds = [grey_world(tmp_path / str(byte), byte, albedo_share) for byte in (dark, bright)]
+    dark_ev, bright_ev = (exposure_ev(sample(world, DOWN)) for world in worlds)
+    decoded = [((byte / 255 + 0.055) / 1.055) ** 2.4 for byte in (dark, bright)]
+    stops = np.log2(decoded[1] / decoded[0])
+    assert dark_ev - bright_ev == pytest.approx(shown * stops, abs=0.02)
+
+
+def test_ground_of_usual_albedo_is_exposed_to_the_target_at_each_share() -> None:
+    for share in (0.0, 0.5, 1.0):
+        meter = AutoExposure(target=0.25, albedo_share=share)
+        assert meter.for_ground(0.2).target == pytest.approx(0.25)
+        assert 0 < meter.for_ground(0.0).target <= 0.25

@@ -84,6 +84,9 @@ class AutoExposureConfig(Section):
             that needs 0.5 ms at noon exposes for 33 ms with a gain of 12 dB; nights stay dark.
         bright_share: Share of the image that may be brighter than white; it darkens an image by at
             most 2 stops.
+        albedo_share: How far the brightness of the ground itself shows. 0 exposes black sand and
+            snow alike, as reflected-light meters do; 1 shows them as different as they are, as
+            incident-light meters do. Ground with a mean albedo of 0.2 is exposed alike by both.
     """
 
     target: Annotated[float, Field(gt=0, le=1)] = 0.25
@@ -91,6 +94,7 @@ class AutoExposureConfig(Section):
     min_ev: float = Field(default=-6.0, ge=-20, le=20)
     max_ev: float = Field(default=8.0, ge=-20, le=20)
     bright_share: Share = 0.02
+    albedo_share: Share = 0.5
 
     @model_validator(mode="after")
     def _limits_in_order(self) -> AutoExposureConfig:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-from oaisys_core.color import linear
+from oaisys_core.color import linear, mean_linear
 from oaisys_core.procedural.environment.light import (
     LUMINANCE,
     gradient_irradiance_w_m2,
@@ -107,26 +106,19 @@ def prototype_color(prototype: MeshPrototype) -> FloatArray:
         colors = [_material_color(each) for each in prototype.image_materials]
         return np.asarray(np.mean(colors, axis=0))
     if prototype.vertex_colors_srgb is not None:
-        return _mean_of_bytes(prototype.vertex_colors_srgb)
+        return mean_linear(prototype.vertex_colors_srgb)
     return linear(prototype.color_srgb)
 
 
 def _material_color(material: MeshMaterial) -> FloatArray:
     if material.color_image_srgb is None:
         return linear(material.color_srgb)
-    return _mean_of_bytes(material.color_image_srgb)
+    return mean_linear(material.color_image_srgb)
 
 
 def mean_color(maps: PbrMaps) -> FloatArray:
     """Return the (3,) mean linear colour of a texture."""
-    return _mean_of_bytes(maps.color_srgb)
-
-
-def _mean_of_bytes(srgb: NDArray[np.uint8]) -> FloatArray:
-    levels = linear(np.arange(256) / 255)
-    channels = srgb.reshape(-1, 3).T
-    counts = [np.bincount(channel, minlength=256) for channel in channels]
-    return np.array(counts) @ levels / len(srgb.reshape(-1, 3))
+    return mean_linear(maps.color_srgb)
 
 
 def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:

@@ -83,7 +83,11 @@ class RenderModule(SectionModule[RenderConfig]):
 
     def apply(self, world: World, section: RenderConfig) -> None:
         """Set the render settings, except for the seed of the sensor noise."""
-        world.render = _settings(section, self._offered)
+        settings = _settings(section, self._offered)
+        if settings.exposure_ev is None and world.material is not None:
+            meter = settings.auto_exposure.for_ground(world.material.mean_luminance)
+            settings = replace(settings, auto_exposure=meter)
+        world.render = settings
         has_numbers = any(map(section.renders, DIGITAL & self._offered))
         self.changes_by_itself = has_numbers or world.render.effects.noise is not None
 
