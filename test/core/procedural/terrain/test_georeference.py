@@ -11,6 +11,7 @@ import pytest
 import rasterio
 from affine import Affine
 from pyproj import CRS, Geod, Transformer
+from rasterio.control import GroundControlPoint
 from scipy.ndimage import map_coordinates
 from typer.testing import CliRunner
 
@@ -24,6 +25,13 @@ from oaisys_core.simulation import Simulation
 
 MOON = "+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m"
 MARS = "+proj=eqc +lat_ts=0 +lon_0=0 +R=3396190 +units=m"
+
+
+def _turned(angle_deg: float, a: float, e: float, c: float, f: float) -> Affine:
+    """Pixels of a by e whose columns go by an angle from x towards y."""
+    return Affine.translation(c, f) * Affine.rotation(angle_deg) * Affine.scale(a, e)
+
+
 FILES: dict[str, tuple[str, Affine]] = {
     "UTM": ("EPSG:32633", Affine(2.0, 0, 412_000.0, 0, -2.0, 5_322_000.0)),
     "degrees": ("EPSG:4326", Affine(1e-5, 0, 11.0, 0, -1e-5, 46.5)),
@@ -31,29 +39,52 @@ FILES: dict[str, tuple[str, Affine]] = {
     "lunar pole": (MOON, Affine(20.0, 0, 90_000.0, 0, -20.0, -60_000.0)),
     "Mars": (MARS, Affine(18.0, 0, 8_140_000.0, 0, -18.0, 1_080_000.0)),
     "upwards": ("EPSG:32719", Affine(5.0, 0, 350_000.0, 0, 5.0, 7_300_000.0)),
+    "turned": ("EPSG:32633", _turned(33.0, 2.0, -2.0, 412_000.0, 5_322_000.0)),
+    "turned by 160": ("EPSG:32633", _turned(160.0, 2.0, -3.0, 412_000.0, 5_322_000.0)),
+    "turned and mirrored": ("EPSG:32633", _turned(-70.0, -2.0, -2.0, 412_000.0, 5_322_000.0)),
+    "turned lunar pole": (MOON, _turned(-90.0, 20.0, -20.0, 90_000.0, -60_000.0)),
+    "turned degrees": ("EPSG:4326", _turned(20.0, 1e-5, -1e-5, 11.0, 46.5)),
 }
 SIZE = 101
 
 
-def write(path: Path, crs: str, transform: Affine) -> tuple[float, float]:
+def write(path: Path, crs: str, transform: Affine, *, bend_px: float = -1.0) -> tuple[float, float]:
     """A file whose heights are metres to the east of its middle plus twice those to the north.
+
+    With a bend of 0 or more its place is said by control points alone, and columns are moved by
+    so many pixels in the middle rows: a parabola.
 
     Returns the longitude and latitude of the middle.
     """
     system = CRS.from_user_input(crs)
     to_degrees = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
     columns, rows = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
-    at = transform.c + transform.a * columns, transform.f + transform.e * rows
+    bend = max(bend_px, 0.0)
+    at = transform * (columns + bend * _parabola(rows), rows)
     lon, lat = to_degrees.transform(*at)
     middle = (float(lon[SIZE // 2, SIZE // 2]), float(lat[SIZE // 2, SIZE // 2]))
     geod = system.get_geod()
     assert geod is not None
     heights = _height(geod, middle, lon, lat)
     profile: dict[str, Any] = {"driver": "GTiff", "dtype": "float32", "count": 1, "crs": crs}
-    shape = {"width": SIZE, "height": SIZE, "transform": transform}
+    shape: dict[str, Any] = {"width": SIZE, "height": SIZE, "transform": transform}
+    if bend_px >= 0:
+        del profile["crs"], shape["transform"]
+        ends = np.linspace(0, SIZE, 4)
+        shape["gcps"] = [
+            GroundControlPoint(row, col, *(transform * (col + bend * _parabola(row), row)))
+            for row in ends
+            for col in ends
+        ]
+        shape["crs"] = crs
     with rasterio.open(path, "w", **profile, **shape) as file:
         file.write(heights.astype(np.float32), 1)
     return middle
+
+
+def _parabola(row: Any) -> Any:
+    """0 at the first and the last row, 1 in the middle."""
+    return 4 * row * (SIZE - row) / SIZE**2
 
 
 def _height(geod: Geod, middle: tuple[float, float], lon: Any, lat: Any) -> Any:
@@ -68,11 +99,14 @@ def imported(path: Path, **values: Any) -> ImportedGround:
     return import_dem(DemConfig(file=path, **values))
 
 
-@pytest.mark.parametrize("name", FILES)
+BENDS = {"control points": 0.0, "bent control points": 3.0}
+
+
+@pytest.mark.parametrize("name", [*FILES, *BENDS])
 def test_places_are_where_the_heights_say(tmp_path: Path, name: str) -> None:
     """Heights tell east and north of the middle, so each point of the ground tells its place."""
-    crs, transform = FILES[name]
-    middle = write(tmp_path / "a.tif", crs, transform)
+    crs, transform = FILES[name if name in FILES else "turned"]
+    middle = write(tmp_path / "a.tif", crs, transform, bend_px=BENDS.get(name, -1.0))
     found = imported(tmp_path / "a.tif", position_m=(30.0, -20.0, 5.0), offset_m=7.0)
     place = found.georeference
     assert place is not None
@@ -80,7 +114,9 @@ def test_places_are_where_the_heights_say(tmp_path: Path, name: str) -> None:
     assert geod is not None
     x0, y0, x1, y1 = found.ground.extent_m
     rng = np.random.default_rng(1)
-    xy_m = rng.uniform((x0, y0), (x1, y1), (1000, 2))
+    # At the rim of a bent image there is nothing.
+    rim_m = found.ground.spacing_m * (4 if name == "bent control points" else 0)
+    xy_m = rng.uniform((x0 + rim_m, y0 + rim_m), (x1 - rim_m, y1 - rim_m), (1000, 2))
     column, row = ((xy_m - (x0, y0)) / found.ground.spacing_m).T
     z_m = map_coordinates(found.ground.elevation_m.astype(np.float64), (row, column), order=1)
     lon, lat, elevation_m = places.lon_lat_height(place, np.column_stack((xy_m, z_m))).T
@@ -203,3 +239,29 @@ def test_the_command_refuses_what_is_no_elevation_model_in_a_sentence(
     result = CliRunner().invoke(app, ["place", "info", str(file)])
     assert isinstance(result.exception, InvalidInputError)
     assert said in str(result.exception)
+
+
+def test_turned_files_tell_their_north_and_need_a_body(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    write(path, *FILES["turned"])
+    said = CliRunner().invoke(app, ["place", "info", str(path)])
+    assert said.exit_code == 0, said.output
+    # 33 degrees to the left of grid north, which differs from true north by the convergence.
+    north_deg = float(said.output.split("+y points to")[1].split("°")[0])
+    assert north_deg == pytest.approx(-33.0, abs=1.0)
+    for values in ({"spacing_m": 2.0}, {"crs": 'LOCAL_CS["here",UNIT["metre",1]]'}):
+        with pytest.raises(InvalidInputError, match="rows from west to east"):
+            imported(path, **values)
+
+
+@pytest.mark.parametrize("columns", [(0.0, 50.0), (0.0, 50.0, 90.0)])
+def test_control_points_in_a_line_are_refused(tmp_path: Path, columns: tuple[float, ...]) -> None:
+    path = tmp_path / "a.tif"
+    points = [GroundControlPoint(2 * c, c, 412_000 + c, 5_322_000 + c) for c in columns]
+    profile: dict[str, Any] = {"driver": "GTiff", "dtype": "float32", "count": 1}
+    with rasterio.open(
+        path, "w", width=9, height=9, gcps=points, crs="EPSG:32633", **profile
+    ) as file:
+        file.write(np.ones((9, 9), np.float32), 1)
+    with pytest.raises(InvalidInputError, match="at least 3, not in a line"):
+        imported(path)

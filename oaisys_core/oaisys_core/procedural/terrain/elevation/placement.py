@@ -71,10 +71,12 @@ def place_on_ground(
     Raises:
         InvalidInputError: The pixels' size is unknown, or they cannot be a ground.
     """
-    if transform is not None:
-        _check_transform(transform, field)
     stated_m = _stated_pixel_m(height_m.shape, config)
-    if stated_m is None and reference is not None and not reference.is_local:
+    on_body = stated_m is None and reference is not None and not reference.is_local
+    if transform is not None:
+        _check_transform(transform, field, may_turn=on_body)
+    if on_body:
+        assert reference is not None
         assert transform is not None
         return _place_on_body(height_m, transform, reference, config, field)
     turned = reference is not None and reference.is_turned
@@ -111,12 +113,16 @@ def _own_pixel_m(
     return sizes
 
 
-def _check_transform(transform: Affine, field: str) -> None:
-    if not all(map(isfinite, transform)) or 0 in (transform.a, transform.e):
+def _check_transform(transform: Affine, field: str, *, may_turn: bool) -> None:
+    if not all(map(isfinite, transform)) or transform.determinant == 0:
         expected = "corner and pixels' size in finite numbers, the size not 0"
         raise InvalidInputError(f"{field}.file", tuple(transform)[:6], expected)
-    if abs(transform.b) + abs(transform.d) > 1e-9 * (abs(transform.a) + abs(transform.e)):
-        expected = "rows from west to east (gdalwarp turns a file)"
+    size = abs(transform.a) + abs(transform.e)
+    if not may_turn and abs(transform.b) + abs(transform.d) > 1e-9 * size:
+        expected = (
+            "rows from west to east, or turned ones with a reference system of a body and without"
+            f" {field}.spacing_m and size_m (gdalwarp turns a file)"
+        )
         raise InvalidInputError(f"{field}.file", tuple(transform)[:6], expected)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,12 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import ELEVATION, ImageUse, decode_pixels, read_file
 from oaisys_core.files.rasters import open_raster
 from oaisys_core.output import exr
+from oaisys_core.procedural.terrain.elevation.control_points import (
+    STRAIGHT_PX,
+    affine_of,
+    residual_px,
+    straighten,
+)
 from oaisys_core.procedural.terrain.elevation.references import UNIT_M
 from oaisys_core.types import FloatArray
 
@@ -160,15 +167,36 @@ def _from_dataset(file: Any, path: Path, band: int | None, field: str) -> Stored
         LOG.warning("%s: has 8 bits, so its heights have at most 256 steps", path)
     values = file.read(chosen + 1, masked=True).astype(np.float64).filled(np.nan)
     is_placed = not file.transform.is_identity
+    transform, system = file.transform if is_placed else None, file.crs
+    points, of_points = file.gcps
+    if points and not is_placed:
+        values, transform = _by_control_points(values, points, of_points, path, field)
+        is_placed, system = True, of_points
     return StoredModel(
         values,
         is_image=not is_placed and np.dtype(file.dtypes[chosen]).kind == "u",
         scale=float(file.scales[chosen]),
         offset=float(file.offsets[chosen]),
         unit=unit,
-        transform=file.transform if is_placed else None,
-        reference=file.crs.to_wkt(version="WKT2_2019") if file.crs else None,
+        transform=transform,
+        reference=system.to_wkt(version="WKT2_2019") if system else None,
     )
+
+
+def _by_control_points(
+    values: FloatArray, points: Sequence[Any], system: Any, path: Path, field: str
+) -> tuple[FloatArray, Affine]:
+    """Return values on a straight grid, and from its columns and rows to x and y."""
+    transform = affine_of(points, str(path), field)
+    bent_px = residual_px(points, transform)
+    LOG.info("%s: %d control points, %.3g px from a straight grid", path, len(points), bent_px)
+    if bent_px <= STRAIGHT_PX:
+        return values, transform
+    if not system:
+        expected = "control points with a reference system, because they are not on a straight grid"
+        raise InvalidInputError(f"{field}.file", str(path), expected)
+    LOG.warning("%s: warped to a straight grid, from which it differs by %.3g px", path, bent_px)
+    return straighten(values, points, transform, system), transform
 
 
 def _check_no_picture(file: Any, path: Path, field: str) -> None:
