@@ -105,11 +105,12 @@ def _audit_light(backend_name: str, out: Path | None) -> None:
     from rich.console import Console
 
     with own_stdout():
-        found = _light_figures(backend_name)
+        found, version = _light_figures(backend_name)
     if out is not None:
         from oaisys_core.output.files import write_text
 
-        figures = [{**asdict(f), "error": f.error, "is_met": f.is_met} for f in found]
+        renderer = {"backend": backend_name, "backend_version": version}
+        figures = [{**asdict(f), "error": f.error, "is_met": f.is_met, **renderer} for f in found]
         write_text(out, json.dumps(figures, indent=2) + "\n")
     Console().print(_light_table(found))
     missed = [f.name for f in found if not f.is_met]
@@ -117,7 +118,8 @@ def _audit_light(backend_name: str, out: Path | None) -> None:
         raise AuditFailedError(f"{len(missed)} of {len(found)} figures miss: {'; '.join(missed)}")
 
 
-def _light_figures(backend_name: str) -> list[LightFigure]:
+def _light_figures(backend_name: str) -> tuple[list[LightFigure], str]:
+    """Return the figures, and the version of the backend."""
     from oaisys_core.render import make_backend
     from oaisys_core.system.progress_display import ProgressDisplay
     from oaisys_core.verification.light.checks import CHECKS, figures
@@ -127,7 +129,7 @@ def _light_figures(backend_name: str) -> list[LightFigure]:
     quality = "draft" if backend_name == "analytic" else "audit"
     try:
         with ProgressDisplay("auditing", len(CHECKS)) as display:
-            return figures(backend, quality, display.advance)
+            return figures(backend, quality, display.advance), backend.version
     finally:
         backend.close()
 

@@ -18,6 +18,7 @@ from typing import Any
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.files.whole_files import write_whole_text
+from oaisys_mapping.certificate.light_audit import LightAudit
 from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.certificate.signature import PrivateKey, sign
 from oaisys_mapping.certificate.view_files import views_to_json
@@ -54,6 +55,7 @@ class CertificateContent:
         labels: Names of semantic ids.
         files: Measured files by kind (``mesh``, ``truth``).
         versions: Versions of the software that rendered, mapped and measured.
+        light: The audit of the renderer's light; None: it was not audited.
     """
 
     facts: Mapping[str, Any]
@@ -67,6 +69,7 @@ class CertificateContent:
     labels: Mapping[int, str]
     files: Mapping[str, Path]
     versions: Mapping[str, str]
+    light: LightAudit | None = None
 
     @property
     def criteria(self) -> list[Criterion]:
@@ -151,6 +154,7 @@ def _json_content(content: CertificateContent) -> dict[str, Any]:
         "criteria": [{**asdict(one), "holds": one.holds} for one in criteria],
         "figures": content.metrics.to_dict(),
         "faults": [result.to_dict() for result in content.perturbations],
+        "light": None if content.light is None else content.light.to_json(),
         "facts": dict(content.facts),
         "config": content.config,
         "views": views_to_json(content.views),

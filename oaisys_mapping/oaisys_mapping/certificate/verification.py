@@ -22,6 +22,7 @@ from oaisys_mapping.certificate.certificate import (
     content_sha256,
     file_sha256,
 )
+from oaisys_mapping.certificate.light_audit import USUAL_LIMIT, light_from_json
 from oaisys_mapping.certificate.signature import is_signature_of
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
@@ -92,7 +93,7 @@ def check_content(
     config = hashlib.sha256(canonical(_part(content, "config"))).hexdigest()
     agrees = config == _part(content, "facts").get("config_sha256")
     results.append(CheckResult("the hash of the configuration", agrees))
-    return [*results, *_verdict(content)]
+    return [*results, *_verdict(content), *_light(content)]
 
 
 def _signature(certificate: Mapping[str, Any], public_key: str | None) -> CheckResult:
@@ -125,6 +126,29 @@ def _verdict(content: Mapping[str, Any]) -> list[CheckResult]:
         is_right = bool(record["rejected"]) == (record["name"] != "none")
         word = "rejected" if record["rejected"] else "not rejected"
         results.append(CheckResult(f"fault {record['name']}: {word}", is_right))
+    return results
+
+
+def _light(content: Mapping[str, Any]) -> list[CheckResult]:
+    """Check the audit of the renderer's light, if there is one."""
+    values = content.get("light")
+    if values is None:
+        return [CheckResult("light, which was not audited", None)]
+    audit = light_from_json(values, "FILE: light")
+    facts = _part(content, "facts")
+    rendered_by = (facts.get("backend"), facts.get("backend_version"))
+    is_same = rendered_by == (audit.backend, audit.backend_version)
+    results = [
+        CheckResult(f"light of {audit.backend} {audit.backend_version}, which rendered", is_same)
+    ]
+    missed = [f for f in audit.figures if not f.is_met or f.limit > USUAL_LIMIT]
+    results += [
+        CheckResult(f"light: {f.name}: {f.error:+.2%}, limit {f.limit:.0%}", False) for f in missed
+    ]
+    if not missed:
+        worst = audit.worst
+        what = f"light: {len(audit.figures)} figures, worst {worst.name}: {worst.error:+.2%}"
+        results.append(CheckResult(f"{what}; measured by `{audit.command}`", True))
     return results
 
 

@@ -18,6 +18,7 @@ from oaisys_core.types import DEPTH, is_rendered
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 if TYPE_CHECKING:
+    from oaisys_mapping.certificate.light_audit import LightAudit
     from oaisys_mapping.certificate.signature import PrivateKey
 
 CONFIG_FILE = "config.yaml"
@@ -46,6 +47,7 @@ class ExperimentOptions:
         bridge_parameters: Further ROS parameters of the bridge.
         nodes: Settings of all nodes.
         key: Signs the certificate; None: it is not signed.
+        light: The audit of light that the certificate carries; None: none.
     """
 
     out: Path
@@ -61,6 +63,7 @@ class ExperimentOptions:
     bridge_parameters: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
     nodes: NodeSettings = field(default=NodeSettings(), kw_only=True)
     key: PrivateKey | None = field(default=None, kw_only=True)
+    light: LightAudit | None = field(default=None, kw_only=True)
 
 
 def write_config(options: ExperimentOptions) -> Path:

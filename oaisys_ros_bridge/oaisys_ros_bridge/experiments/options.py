@@ -11,6 +11,7 @@ import typer
 from oaisys_core.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from oaisys_mapping.certificate.light_audit import LightAudit
     from oaisys_mapping.certificate.signature import PrivateKey
 
 OutOption = Annotated[
@@ -52,6 +53,12 @@ KeyOption = Annotated[
     Path | None,
     typer.Option(help="PEM file of an Ed25519 key that signs the certificate."),
 ]
+LightOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="JSON file of `oaisys audit --light --out FILE`; the certificate carries its figures."
+    ),
+]
 
 
 def experiment_options(
@@ -71,6 +78,7 @@ def experiment_options(
     log_level: str,
     use_sim_time: bool,
     key: Path | None,
+    light: Path | None = None,
 ) -> dict[str, Any]:
     """Return the fields of `ExperimentOptions` by name, from the command line.
 
@@ -95,7 +103,14 @@ def experiment_options(
         "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
         "command": ["oaisys", *sys.argv[1:]],
         "key": None if key is None else _private_key(key),
+        "light": None if light is None else _light_audit(light),
     }
+
+
+def _light_audit(path: Path) -> LightAudit:
+    from oaisys_mapping.certificate.light_audit import read_light_audit
+
+    return read_light_audit(path)
 
 
 def _private_key(path: Path) -> PrivateKey:

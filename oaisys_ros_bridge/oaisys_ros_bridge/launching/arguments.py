@@ -145,6 +145,9 @@ SURVEY = {
         "", "Number of worlds, or their seeds separated by commas; empty: one world."
     ),
     "faults": Argument("true", "Whether to evaluate maps with deliberate faults, too.", SWITCH),
+    "light": Argument(
+        "", "JSON file of `oaisys audit --light --out FILE` for the certificate; empty: none."
+    ),
     **_EXPERIMENT,
 }
 """Of ``survey.launch.py``, beside ``rviz``: each is an option of ``oaisys survey``."""

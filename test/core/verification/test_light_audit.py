@@ -88,3 +88,5 @@ def test_the_command_prints_figures_and_marks_misses(
     written = {each["name"]: each for each in json.loads(out.read_text())}
     assert written["four times the exposure time"]["is_met"]
     assert not written["white furnace"]["is_met"]
+    assert {each["backend"] for each in written.values()} == {"analytic"}
+    assert all(each["backend_version"] for each in written.values())

@@ -20,6 +20,7 @@ from oaisys_mapping.certificate.certificate import (
     sign_certificate,
     write_certificate,
 )
+from oaisys_mapping.certificate.light_audit import read_light_audit
 from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.certificate.signature import read_private_key, read_public_key
 from oaisys_mapping.certificate.verification import (
@@ -42,6 +43,18 @@ FAULTS = [
     PerturbationResult("bad", "", {}, ["it misses"]),
 ]
 
+RENDERER = {"backend": "blender", "backend_version": "4.5.15"}
+LIGHT: list[dict[str, Any]] = [
+    {"name": "a", "measured": 1.0, "expected": 1.0, "limit": 0.02, **RENDERER},
+    {"name": "b", "measured": 0.504, "expected": 0.5, "limit": 0.01, **RENDERER},
+]
+
+
+def write_light(path: Path, records: Any = LIGHT) -> Path:
+    path.write_text(json.dumps(records))
+    return path
+
+
 Change = Callable[[dict[str, Any]], None]
 
 
@@ -56,7 +69,7 @@ def write_all(folder: Path, max_rmse_m: float = 0.02) -> dict[str, Any]:
     mesh, rng = read_ply(folder / "mesh.ply"), np.random.default_rng(SEED)
     found = evaluate_reconstruction(mesh, truth, views, VOXEL_M, RANGE_M, rng)
     statement = CertificateContent(
-        facts={"seed": SEED, "config_sha256": CONFIG_SHA256},
+        facts={"seed": SEED, "config_sha256": CONFIG_SHA256, **RENDERER},
         config=CONFIG,
         views=views,
         max_range_m=RANGE_M,
@@ -67,6 +80,7 @@ def write_all(folder: Path, max_rmse_m: float = 0.02) -> dict[str, Any]:
         labels={1: "sand", 2: "gravel"},
         files={what: folder / f"{what}.ply" for what in ("mesh", "truth")},
         versions={"numpy": np.__version__},
+        light=read_light_audit(write_light(folder / "light.json")),
     )
     return write_certificate(folder / "certificate.json", statement)
 
@@ -100,6 +114,8 @@ def test_a_true_certificate_holds(issued: Path) -> None:
     again = measure_again(content, read_ply(issued / "mesh.ply"), truth)
     assert len(again) > 10
     assert not failed(again)
+    said = [str(each) for each in check_content(certificate)]
+    assert any("2 figures, worst b: +0.80%; measured by `oaisys audit --light" in s for s in said)
 
 
 def sha256_of(path: Path) -> str:
@@ -118,6 +134,9 @@ def sha256_of(path: Path) -> str:
         (lambda content: content["criteria"][0].update(value=0.001), "rmse_m"),
         (lambda content: content["criteria"][0].update(limit=0.001), "rmse_m"),
         (lambda content: content["faults"][1].update(rejected=False), "fault bad"),
+        (lambda content: content["light"]["figures"][0].update(measured=1.03), "light: a: +3.00%"),
+        (lambda content: content["light"]["figures"][0].update(limit=0.2), "light: a: +0.00%"),
+        (lambda content: content["light"].update(backend="analytic"), "light of analytic 4.5.15"),
     ],
 )
 def test_changes_to_a_certificate_are_detected(issued: Path, change: Change, words: str) -> None:
@@ -310,3 +329,22 @@ def test_a_true_mesh_round_trips_with_its_labels(issued: Path, tmp_path: Path) -
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(InvalidInputError, match="truncated"):
         read_truth(path)
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        {},
+        [],
+        [{**LIGHT[0], "measured": None}],
+        [{**LIGHT[0], "expected": 0}],
+        [{"name": "a", "measured": 1.0, "expected": 1.0, "limit": 0.01}],
+        [LIGHT[0], {**LIGHT[1], "backend_version": "5.2.3"}],
+        "figures",
+    ],
+)
+def test_other_files_are_no_audit_of_light(tmp_path: Path, records: Any) -> None:
+    with pytest.raises(InvalidInputError, match="--light"):
+        read_light_audit(write_light(tmp_path / "light.json", records))
+    with pytest.raises(InvalidInputError, match="--light"):
+        read_light_audit(tmp_path / "missing.json")

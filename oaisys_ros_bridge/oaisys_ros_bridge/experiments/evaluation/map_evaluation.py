@@ -168,6 +168,7 @@ def _statement(
         labels=info.semantic_labels,
         files={"mesh": out / MESH_FILE, "truth": out / TRUTH_FILE},
         versions=_versions(info),
+        light=options.light,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE
+from oaisys_mapping.certificate.light_audit import light_from_json
 from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.report.report import ReportTable
@@ -20,7 +21,8 @@ def tables_of(result: MapEvaluation) -> list[ReportTable]:
     tables = [_fault_table(result.faults)] if result.faults else []
     if metrics.classes is not None and metrics.classes.iou:
         tables.append(_class_table(metrics))
-    return [*tables, _completeness_table(metrics), _certificate_table(result.certificate)]
+    tables += [_completeness_table(metrics), *_light_table(result.certificate["content"])]
+    return [*tables, _certificate_table(result.certificate)]
 
 
 def _fault_table(faults: Sequence[PerturbationResult]) -> ReportTable:
@@ -85,6 +87,19 @@ def _completeness_table(metrics: ReconstructionMetrics) -> ReportTable:
         ("", "visible truth", "all truth"),
         rows,
     )
+
+
+def _light_table(content: Mapping[str, Any]) -> list[ReportTable]:
+    """Return the table of the audit of light, if the certificate carries one."""
+    if content["light"] is None:
+        return []
+    audit = light_from_json(content["light"], "light")
+    rows = [
+        (f.name, f"{f.measured:.5g}", f"{f.expected:.5g}", f"{f.error:+.3%}", f"{f.limit:.0%}")
+        for f in audit.figures
+    ]
+    note = f"Of {audit.backend} {audit.backend_version}, by `{audit.command}`."
+    return [ReportTable("Light", note, ("", "measured", "formula", "error", "limit"), rows)]
 
 
 def _certificate_table(certificate: Mapping[str, Any]) -> ReportTable:

@@ -12,6 +12,7 @@ from oaisys_ros_bridge.experiments.options import (
     BagOption,
     ConfigOption,
     KeyOption,
+    LightOption,
     LogLevelOption,
     NamespaceOption,
     OutOption,
@@ -59,6 +60,7 @@ def survey(
     quality: QualityOption = None,
     faults: FaultsOption = True,
     key: KeyOption = None,
+    light: LightOption = None,
     bag: BagOption = True,
     namespace: NamespaceOption = "",
     worker_python: WorkerPythonOption = None,
@@ -94,6 +96,7 @@ def survey(
         log_level=log_level,
         use_sim_time=use_sim_time,
         key=key,
+        light=light,
     )
     options = SurveyOptions(
         **shared, views=views, altitude_m=altitude, overlap=overlap, faults=faults

@@ -94,7 +94,10 @@ def _planner_client(
 
 
 def _plan(options: SurveyOptions, stack: SimulatorStack[PlannerClient]) -> SurveyPlan:
-    extent_m = stack.simulator.info().stage_extent_m
+    info = stack.simulator.info()
+    if options.light is not None:
+        options.light.check_renderer(info)
+    extent_m = info.stage_extent_m
     if extent_m is None:
         raise OaisysError("the simulator has lost its world since the bridge was ready")
     camera = stack.sensor.intrinsics
