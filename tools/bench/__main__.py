@@ -23,6 +23,7 @@ from tools.bench.topics import (
     dataset,
     draft,
     growth,
+    light,
     maps,
     panel,
     quality,
@@ -61,6 +62,7 @@ TOPICS = {
     "mapping": Topic(maps.mapping, 120, 60),
     "planning": Topic(maps.planning, 60, 40),
     "referees": Topic(referees.run, 3600, 500),
+    "light": Topic(light.run, 600, 600),
 }
 QUICK_RUNS = 2
 PANEL = (*WORLDS, SIX_VIEWS)
