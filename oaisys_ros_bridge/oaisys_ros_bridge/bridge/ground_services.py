@@ -1,4 +1,4 @@
-"""Services about the true ground: heights under points, and the surface as a mesh."""
+"""Services about the true ground: heights under points, its surface, and where it lies."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
+from oaisys_core.geometry import places
+from oaisys_core.types import FloatArray, Georeference, TriangleMesh
 from oaisys_mapping.evaluation.truth_io import write_truth
 from oaisys_msgs.msg import SemanticLabel
-from oaisys_msgs.srv import GetGroundTruthMesh, QueryHeight
+from oaisys_msgs.srv import FromLonLat, GetGroundTruthMesh, QueryHeight, ToLonLat
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
 from oaisys_ros_bridge.conversions import array_of
 from oaisys_ros_bridge.services import NodeServices
@@ -49,6 +51,8 @@ class GroundServices:
         offered: tuple[tuple[Any, str, Callable[..., None]], ...] = (
             (QueryHeight, "~/query_height", self._query_height),
             (GetGroundTruthMesh, "~/get_ground_truth_mesh", self._get_mesh),
+            (ToLonLat, "~/to_lon_lat", self._to_lon_lat),
+            (FromLonLat, "~/from_lon_lat", self._from_lon_lat),
         )
         for kind, name, fill in offered:
             services.offer(kind, name, self._answer(name, fill))
@@ -68,9 +72,7 @@ class GroundServices:
         return answer
 
     def _query_height(self, request: QueryHeight.Request, response: QueryHeight.Response) -> None:
-        points_m = _points(request.points)
-        T_map_frame = self._render_queue.frames.transform_to_map(request.header, "header")
-        in_map_m = points_m @ T_map_frame[:3, :3].T + T_map_frame[:3, 3]
+        in_map_m = self._in_map_m(request)
         found = self._render_queue.require_link().query_height(in_map_m)
         response.header = self._header()
         response.ground_height = found.ground_height_m
@@ -94,8 +96,67 @@ class GroundServices:
         else:
             _fill_mesh(mesh, response)
 
+    def _to_lon_lat(self, request: ToLonLat.Request, response: ToLonLat.Response) -> None:
+        georeference = self._georeference()
+        found = places.lon_lat_height(georeference, self._in_map_m(request))
+        response.longitude, response.latitude, response.elevation = (
+            array_of("d", column) for column in found.T
+        )
+        response.reference_system = georeference.wkt
+
+    def _from_lon_lat(self, request: FromLonLat.Request, response: FromLonLat.Response) -> None:
+        georeference = self._georeference()
+        points_m = places.points_in_map(georeference, _places(request))
+        if not request.elevation and len(points_m):
+            found = self._render_queue.require_link().query_height(points_m)
+            points_m[:, 2] = found.ground_height_m
+        response.header = self._header()
+        response.points = [Point(x=x, y=y, z=z) for x, y, z in points_m.tolist()]
+
+    def _georeference(self) -> Georeference:
+        """Return where the stage lies.
+
+        Raises:
+            NotReadyError: It lies nowhere.
+        """
+        found = self._render_queue.require_link().info.georeference
+        if found is None:
+            raise NotReadyError(
+                "the stage lies on no body: received none, expected stage.dem with a reference"
+                " system, without spacing_m and size_m"
+            )
+        return found
+
+    def _in_map_m(self, request: Any) -> FloatArray:
+        """Return the (N, 3) points of a request in ``map``."""
+        points_m = _points(request.points)
+        T_map_frame = self._render_queue.frames.transform_to_map(request.header, "header")
+        return np.asarray(points_m @ T_map_frame[:3, :3].T + T_map_frame[:3, 3])
+
     def _header(self) -> Header:
         return Header(stamp=self._now(), frame_id=self._render_queue.map_frame)
+
+
+def _places(request: FromLonLat.Request) -> FloatArray:
+    """Return the (N, 3) longitudes, latitudes and elevations of a request; these are 0 by default.
+
+    Raises:
+        InvalidInputError: They are too many, of different numbers, or no places.
+    """
+    lon, lat = request.longitude, request.latitude
+    elevation = request.elevation or [0.0] * len(lon)
+    if not len(lon) == len(lat) == len(elevation) <= MAX_POINTS:
+        received = f"{len(lon)} longitudes, {len(lat)} latitudes, {len(elevation)} elevations"
+        expected = f"as many of each (or no elevations), at most {MAX_POINTS}"
+        raise InvalidInputError("longitude, latitude, elevation", received, expected)
+    found = np.column_stack((lon, lat, elevation)).astype(np.float64)
+    is_wrong = ~np.isfinite(found).all(axis=1) | (np.abs(found[:, 1]) > 90.0)
+    is_wrong |= np.abs(found[:, 0]) > 360.0
+    wrong = np.flatnonzero(is_wrong)
+    if len(wrong):
+        expected = "finite, longitude from -360 to 360 and latitude from -90 to 90 degrees"
+        raise InvalidInputError(f"place {wrong[0]}", found[wrong[0]].tolist(), expected)
+    return found
 
 
 def _points(points: list[Any]) -> FloatArray:

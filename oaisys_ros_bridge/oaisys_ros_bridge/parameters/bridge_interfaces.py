@@ -297,6 +297,18 @@ _REQUESTS = (
         "The true surface of the world, in the answer or as a file.",
     ),
     Interface(
+        InterfaceKind.SERVICE,
+        "~/to_lon_lat",
+        "oaisys_msgs/srv/ToLonLat",
+        "Longitudes, latitudes and elevations of points, on a stage that lies on a body.",
+    ),
+    Interface(
+        InterfaceKind.SERVICE,
+        "~/from_lon_lat",
+        "oaisys_msgs/srv/FromLonLat",
+        "Points of longitudes, latitudes and elevations, or on the ground there.",
+    ),
+    Interface(
         InterfaceKind.SERVICE, "~/end_simulation", "std_srvs/srv/Trigger", "End the simulator."
     ),
     Interface(

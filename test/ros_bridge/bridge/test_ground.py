@@ -21,7 +21,7 @@ from vision_msgs.msg import Detection3DArray
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_mapping.evaluation.truth_io import read_truth
-from oaisys_msgs.srv import GetGroundTruthMesh, QueryHeight
+from oaisys_msgs.srv import FromLonLat, GetGroundTruthMesh, QueryHeight, ToLonLat
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
@@ -93,6 +93,14 @@ def test_heights_are_those_of_the_simulator(served: tuple[User, Server]) -> None
     np.testing.assert_array_equal(answer.clearance, expected.clearance_m)
     assert answer.surface_height[1] == pytest.approx(4.0, abs=1e-3)
     assert answer.ground_height[1] < 3.5
+
+
+def test_a_world_of_no_place_has_no_longitudes(served: tuple[User, Server]) -> None:
+    user, _ = served
+    for kind, name in ((ToLonLat, "to_lon_lat"), (FromLonLat, "from_lon_lat")):
+        answer = user.call(kind, name, kind.Request())
+        assert not answer.success
+        assert "stage.dem with a reference system" in answer.message
 
 
 def test_points_may_be_in_a_frame_of_the_rig(served: tuple[User, Server]) -> None:

@@ -9,6 +9,7 @@ import pytest
 import rasterio
 from affine import Affine
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
 from pyproj import CRS, Transformer
 from ros_peer import Stage
 from sensor_msgs.msg import FluidPressure, NavSatFix
@@ -18,6 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Georeference, Pose
+from oaisys_msgs.srv import FromLonLat, ToLonLat
 from oaisys_ros_bridge.conversions import transform_from_msg
 from oaisys_ros_bridge.publishing.place_topics import (
     air_pressure_pa,
@@ -129,3 +131,23 @@ def test_a_bridge_says_where_on_earth_its_world_is(stage: Stage, tmp_path: Path)
     expected_m = to_centre.transform(fix.longitude, fix.latitude, fix.altitude)
     at_m = T_earth_map @ (4.0, -6.0, 5.0, 1.0)
     np.testing.assert_allclose(at_m[:3], expected_m, rtol=0, atol=0.01)
+
+    lon_lat = user.call(
+        ToLonLat, "to_lon_lat", ToLonLat.Request(points=[Point(x=4.0, y=-6.0, z=5.0)])
+    )
+    assert lon_lat.success, lon_lat.message
+    there = (lon_lat.longitude[0], lon_lat.latitude[0], lon_lat.elevation[0])
+    assert there == pytest.approx((fix.longitude, fix.latitude, fix.altitude), abs=1e-9)
+    assert CRS.from_wkt(lon_lat.reference_system).to_epsg() == 32633
+    asked = FromLonLat.Request(longitude=[there[0]], latitude=[there[1]])
+    for elevation, z_m in (([805.0], 5.0), ([], 0.0)):
+        asked.elevation = elevation
+        back = user.call(FromLonLat, "from_lon_lat", asked)
+        assert back.success, back.message
+        (point,) = back.points
+        assert (point.x, point.y, point.z) == pytest.approx((4.0, -6.0, z_m), abs=1e-3)
+        assert back.header.frame_id == "map"
+    asked.latitude = [91.0]
+    assert "latitude from -90 to 90" in user.call(FromLonLat, "from_lon_lat", asked).message
+    asked.latitude = []
+    assert "1 longitudes, 0 latitudes" in user.call(FromLonLat, "from_lon_lat", asked).message
