@@ -25,6 +25,10 @@ from oaisys_core.geometry import expect_unit_norm
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
+Longitude = Annotated[float, Field(ge=-180, le=360)]
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+PlaceInDegrees = tuple[Longitude, Latitude] | tuple[Longitude, Latitude, float]
+"""(longitude, latitude) or (longitude, latitude, elevation in m); east and north are positive."""
 
 MAX_LABEL_LETTERS = 1000
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,29 @@ def points_in_map(georeference: Georeference, places: ArrayLike) -> FloatArray:
     a, b, c, d, e, f = georeference.map_to_system
     points = np.linalg.solve(np.array(((a, b), (d, e))), np.stack((x - c, y - f)))
     return np.stack((*points, given[:, 2] + georeference.height_offset_m), axis=-1)
+
+
+def waypoints_in_map(
+    georeference: Georeference | None, waypoints: Sequence[Sequence[float]], field: str
+) -> FloatArray:
+    """Return the (K, 3) points in ``map`` of waypoints in degrees; z is NaN where none is given.
+
+    Args:
+        georeference: Of the ground; None if it is of no place.
+        waypoints: Longitude, latitude and perhaps elevation, as `points_in_map` takes them.
+        field: Name of the waypoints in errors.
+
+    Raises:
+        InvalidInputError: The ground is of no place, or a waypoint is outside its system's area.
+    """
+    if georeference is None:
+        expected = "a stage whose elevation model says where it lies (see `oaisys place info`)"
+        raise InvalidInputError(field, waypoints[0], expected)
+    given = np.array([(*point, np.nan)[:3] for point in waypoints])
+    # PROJ needs no height for a place, and would lose it all for want of one.
+    points_m = points_in_map(georeference, np.nan_to_num(given))
+    points_m[np.isnan(given[:, 2]), 2] = np.nan
+    return points_m
 
 
 def north_deg(georeference: Georeference) -> float:

@@ -155,69 +155,77 @@ def _waypoints_m(
 ) -> FloatArray:
     """Return (K, 3) waypoints; z is NaN where none is given."""
     if config.waypoints_lon_lat_deg:
-        return _from_degrees(config.waypoints_lon_lat_deg, georeference)
+        return places.waypoints_in_map(
+            georeference, config.waypoints_lon_lat_deg, "drive.waypoints_lon_lat_deg"
+        )
     if config.waypoints_file is not None:
         selection = PoseSelection(topic=config.waypoints_topic)
-        return read_waypoints(config.waypoints_file, selection, sensors)
+        return read_waypoints(config.waypoints_file, selection, sensors, georeference)
     return np.array([(*point, np.nan)[:3] for point in config.waypoints_m])
 
 
-def _from_degrees(
-    waypoints: Sequence[Sequence[float]], georeference: Georeference | None
-) -> FloatArray:
-    """Return the (K, 3) waypoints in ``map`` of some in degrees; z is NaN where none is given."""
-    if georeference is None:
-        expected = "a stage whose elevation model says where it lies (see `oaisys place info`)"
-        raise InvalidInputError("drive.waypoints_lon_lat_deg", waypoints[0], expected)
-    given = np.array([(*point, np.nan)[:3] for point in waypoints])
-    # PROJ needs no height for a place, and would lose it all for want of one.
-    points_m = places.points_in_map(georeference, np.nan_to_num(given))
-    points_m[np.isnan(given[:, 2]), 2] = np.nan
-    return points_m
-
-
 def read_waypoints(
-    path: Path, selection: PoseSelection | None = None, sensors: Sequence[SensorInfo] = ()
+    path: Path,
+    selection: PoseSelection | None = None,
+    sensors: Sequence[SensorInfo] = (),
+    georeference: Georeference | None = None,
 ) -> FloatArray:
     """Return the (K, 3) waypoints of a CSV file with the columns x_m, y_m and perhaps z_m.
 
-    Without z_m, z is NaN. Of any other file that `read_pose_table` knows, they are the positions
+    The columns may be lon_deg, lat_deg and perhaps elevation_m instead. Without z_m or elevation_m,
+    z is NaN. Of any other file that `read_pose_table` knows, they are the positions
     of the rig's base; of poses that follow each other at one place, the first counts.
 
     Args:
         path: The file.
         selection, sensors: See `read_pose_table` and `of_rig`.
+        georeference: Of the ground, for degrees.
 
     Raises:
         InvalidInputError: The file cannot be read, or a row has no numbers; names line and value.
     """
     if is_named_columns_file(path):
-        return _named_waypoints(path)
+        return _named_waypoints(path, georeference)
     positions_m = of_rig(read_pose_table(path, selection), sensors).positions_m
     moves = np.append(True, (np.diff(positions_m, axis=0) != 0).any(axis=1))
     return np.asarray(positions_m[moves])
 
 
-def _named_waypoints(path: Path) -> FloatArray:
+IN_METRES, IN_DEGREES = ("x_m", "y_m", "z_m"), ("lon_deg", "lat_deg", "elevation_m")
+"""Columns of a file of waypoints; the third may be missing."""
+
+
+def _named_waypoints(path: Path, georeference: Georeference | None) -> FloatArray:
     try:
         rows = read_numbered_csv(path, MAX_POSES)
     except (OSError, ValueError) as error:
         expected = f"a readable CSV file ({error})"
         raise InvalidInputError("drive.waypoints_file", str(path), expected) from error
-    points = []
-    for line, row in rows:
-        missing = {"x_m", "y_m"} - row.keys()
-        if missing:
-            expected = "the columns x_m, y_m and, if there is one, z_m"
-            raise InvalidInputError(f"{path}:1", [str(name) for name in row], expected)
-        names = ("x_m", "y_m", "z_m") if row.get("z_m") else ("x_m", "y_m")
-        point = ([number(row[name], f"{path}:{line}", name) for name in names] + [np.nan])[:3]
-        if not np.isfinite(point[: len(names)]).all():
-            raise InvalidInputError(f"{path}:{line}", [str(x) for x in point], "finite numbers")
-        points.append(point)
-    if not points:
+    if not rows:
         raise InvalidInputError("drive.waypoints_file", str(path), "rows below the header")
-    return np.array(points)
+    columns = IN_DEGREES if IN_DEGREES[0] in rows[0][1] else IN_METRES
+    points = [_named_point(row, columns, f"{path}:{line}", f"{path}:1") for line, row in rows]
+    if columns is IN_METRES:
+        return np.array(points)
+    return places.waypoints_in_map(georeference, points, f"drive.waypoints_file {path}")
+
+
+def _named_point(
+    row: Mapping[str, str], columns: Sequence[str], line: str, header: str
+) -> list[float]:
+    """Return the numbers in three columns of a row; NaN if the third is empty."""
+    missing = set(columns[:2]) - row.keys()
+    if missing:
+        expected = f"the columns {columns[0]}, {columns[1]} and, if there is one, {columns[2]}"
+        raise InvalidInputError(header, [str(name) for name in row], expected)
+    names = columns if row.get(columns[2]) else columns[:2]
+    point = [number(row[name], line, name) for name in names]
+    if not np.isfinite(point).all():
+        raise InvalidInputError(line, [str(x) for x in point], "finite numbers")
+    if columns is IN_DEGREES and not (-180 <= point[0] <= 360 and -90 <= point[1] <= 90):
+        expected = "lon_deg from -180 to 360 and lat_deg from -90 to 90"
+        raise InvalidInputError(line, [str(x) for x in point], expected)
+    return [*point, np.nan][:3]
 
 
 def _in_the_air(vehicle: DroneConfig, waypoints_m: FloatArray, heights: HeightLookup) -> FloatArray:

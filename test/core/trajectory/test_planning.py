@@ -12,7 +12,7 @@ from pyproj import CRS, Transformer
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.trajectory.files import write_poses, write_trajectory
-from oaisys_core.trajectory.planning import DrivePlan, plan_drive
+from oaisys_core.trajectory.planning import DrivePlan, plan_drive, read_waypoints
 from oaisys_core.types import FloatArray, Georeference, HeightQuery
 
 DRONE = {"kind": "drone"}
@@ -38,7 +38,7 @@ def test_a_rover_drives_on_the_surface_until_the_drive_ends() -> None:
     assert 1.5 < plan.length_m() < 4.0
 
 
-def test_waypoints_in_degrees_are_where_proj_puts_them() -> None:
+def test_waypoints_in_degrees_are_where_proj_puts_them(tmp_path: Path) -> None:
     """On a map of the lunar south pole, whose +y is not true north."""
     system = CRS.from_user_input("+proj=stere +lat_0=-90 +R=1737400 +units=m +type=crs")
     to_degrees = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
@@ -57,6 +57,14 @@ def test_waypoints_in_degrees_are_where_proj_puts_them() -> None:
         assert positions_m[-1] == pytest.approx((5, 8, height_m), abs=1e-3)
         with pytest.raises(InvalidInputError, match=r"waypoints_lon_lat_deg: .*oaisys place info"):
             plan_drive(section, heights)
+    path = tmp_path / "way.csv"
+    path.write_text("lon_deg,lat_deg\n" + "".join(f"{lon!r},{lat!r}\n" for lon, lat in way_deg))
+    np.testing.assert_allclose(read_waypoints(path, georeference=here)[:, :2], way_m, atol=1e-3)
+    with pytest.raises(InvalidInputError, match=r"way\.csv: .*oaisys place info"):
+        read_waypoints(path)
+    path.write_text("lon_deg,lat_deg,elevation_m\n10,91,5\n")
+    with pytest.raises(InvalidInputError, match=r"way\.csv:2: .*lat_deg from -90 to 90"):
+        read_waypoints(path, georeference=here)
     with pytest.raises(ConfigError, match="one of waypoints_m, waypoints_lon_lat_deg"):
         config_from_mapping({"drive": {"waypoints_lon_lat_deg": way_deg, "waypoints_m": way_m}})
     with pytest.raises(ConfigError, match=r"waypoints_lon_lat_deg\.1\.1: received 95\.0"):

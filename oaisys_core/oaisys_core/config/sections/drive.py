@@ -6,14 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import Positive, Section, Vector3
+from oaisys_core.config.section import PlaceInDegrees, Positive, Section, Vector3
 from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
 Waypoint = tuple[float, float] | Vector3
 
-Longitude = Annotated[float, Field(ge=-180, le=360)]
-Latitude = Annotated[float, Field(ge=-90, le=90)]
-WaypointInDegrees = tuple[Longitude, Latitude] | tuple[Longitude, Latitude, float]
 
 Gravity = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=0, le=100)]
 """A body, or its surface gravity in m/s^2."""
@@ -152,7 +149,8 @@ class DriveConfig(Section):
         waypoints_lon_lat_deg: (longitude, latitude) or (longitude, latitude, elevation in m) of the
             waypoints, instead of ``waypoints_m``, on an elevation model that says where it lies;
             see ``oaisys place info``. East and north are positive.
-        waypoints_file: CSV file with the columns x_m, y_m and perhaps z_m, or any other file of
+        waypoints_file: CSV file with the columns x_m, y_m and perhaps z_m, or lon_deg, lat_deg and
+            perhaps elevation_m, or any other file of
             poses, whose positions are the waypoints, instead of ``waypoints_m``; relative to the
             configuration file.
         waypoints_topic: Topic of a bag; null: its only one with poses.
@@ -165,7 +163,7 @@ class DriveConfig(Section):
 
     vehicle: AnyVehicle = RoverConfig()
     waypoints_m: tuple[Waypoint, ...] = ()
-    waypoints_lon_lat_deg: tuple[WaypointInDegrees, ...] = ()
+    waypoints_lon_lat_deg: tuple[PlaceInDegrees, ...] = ()
     waypoints_file: ConfigPath | None = None
     waypoints_topic: str | None = None
     duration_s: Positive | None = None

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from oaisys_core.config.section import (
     Labelled,
     Metres,
+    PlaceInDegrees,
     Position,
     Positive,
     Quaternion,
@@ -92,6 +93,8 @@ class TrajectoryConfig(Section):
 
     Attributes:
         waypoints_m: (x, y) or (x, y, z) points in ``map``; z defaults to 0.
+        waypoints_lon_lat_deg: (longitude, latitude) or (longitude, latitude, elevation in m) points
+            instead, on an elevation model that says where it lies; z defaults to 0, too.
         closed: Whether the path returns to its start; otherwise the mover stops at the last point.
         smooth: Whether the path is a spline through the points instead of straight lines.
         step_m: Distance along the path from one sample to the next.
@@ -104,6 +107,7 @@ class TrajectoryConfig(Section):
     """
 
     waypoints_m: tuple[tuple[Metres, Metres] | Position, ...] = ()
+    waypoints_lon_lat_deg: tuple[PlaceInDegrees, ...] = ()
     closed: bool = False
     smooth: bool = False
     step_m: float = Field(default=0.5, ge=0)
@@ -113,15 +117,16 @@ class TrajectoryConfig(Section):
 
     @model_validator(mode="after")
     def _one_way(self) -> TrajectoryConfig:
-        if self.csv is None and len(self.waypoints_m) < 2:
-            raise ValueError("expected at least two waypoints_m, or a csv file")
-        if self.csv is not None and self.waypoints_m:
-            raise ValueError("expected either waypoints_m or a csv file, not both")
+        given = (self.waypoints_m, self.waypoints_lon_lat_deg)
+        ways = sum(map(bool, (*given, self.csv)))
+        points = self.waypoints_m or self.waypoints_lon_lat_deg
+        if ways != 1 or (self.csv is None and len(points) < 2):
+            expected = "at least two waypoints_m or waypoints_lon_lat_deg, or a csv file"
+            raise ValueError(f"expected {expected}, one of them")
         if self.csv is not None and self.speed_m_s is not None:
             raise ValueError("speed_m_s needs waypoints_m: a csv file has a pose for each sample")
-        points = [*self.waypoints_m, *(self.waypoints_m[:1] if self.closed else ())]
-        if any(a == b for a, b in pairwise(points)):
-            raise ValueError("two waypoints_m in a row are the same")
+        if any(a == b for a, b in pairwise([*points, *(points[:1] if self.closed else ())])):
+            raise ValueError("two waypoints in a row are the same")
         return self
 
 

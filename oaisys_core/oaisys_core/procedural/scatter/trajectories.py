@@ -10,8 +10,9 @@ import scipy
 
 from oaisys_core.config.sections.objects import TrajectoryConfig
 from oaisys_core.geometry import distances_along_m, pose_to_matrix, transform
+from oaisys_core.geometry.places import waypoints_in_map
 from oaisys_core.output.poses import read_poses
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, Georeference
 
 SMOOTH_STEPS = 64
 """Number of straight pieces of a spline between two waypoints."""
@@ -35,16 +36,28 @@ class MoverTrajectory(Protocol):
         """Return how much of the way, from its start, lies behind the mover, as for the pose."""
 
 
-def make_trajectory(config: TrajectoryConfig) -> MoverTrajectory:
+def make_trajectory(
+    config: TrajectoryConfig, georeference: Georeference | None = None, field: str = "trajectory"
+) -> MoverTrajectory:
     """Return the trajectory of a configuration.
 
+    Args:
+        config: The configuration.
+        georeference: Where the ground lies on its body, for waypoints in degrees.
+        field: Name of the configuration in errors.
+
     Raises:
-        InvalidInputError: The CSV file cannot be read, or does not contain poses.
+        InvalidInputError: The CSV file cannot be read, or does not contain poses; or the ground is
+            of no place.
     """
     if config.csv is not None:
         poses = [pose_to_matrix(pose) for pose in read_poses(config.csv)]
         return _PoseList(np.array(poses), config.closed)
     points = np.array([(*point, 0.0)[:3] for point in config.waypoints_m])
+    if config.waypoints_lon_lat_deg:
+        name = f"{field}.waypoints_lon_lat_deg"
+        points = waypoints_in_map(georeference, config.waypoints_lon_lat_deg, name)
+        points = np.nan_to_num(points)
     if config.closed:
         points = np.vstack((points, points[:1]))
     if config.smooth:

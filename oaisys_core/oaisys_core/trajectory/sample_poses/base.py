@@ -14,7 +14,7 @@ from oaisys_core import geometry
 from oaisys_core.config.sections.sensing.motion import AnglesConfig, MotionConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import Ground
-from oaisys_core.types import FloatArray, Pose
+from oaisys_core.types import FloatArray, Georeference, Pose
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -39,6 +39,7 @@ class MotionStep:
         batch_rng: Generator that is in the same state at each step of the batch.
         ground: The ground of the batch.
         locate: Returns the (3,) position of the object with an instance id.
+        georeference: Where the ground lies on its body; None if it is of no place.
     """
 
     index: int
@@ -46,6 +47,7 @@ class MotionStep:
     batch_rng: np.random.Generator
     ground: Ground
     locate: Callable[[int], FloatArray]
+    georeference: Georeference | None = None
 
 
 class Motion(ABC):

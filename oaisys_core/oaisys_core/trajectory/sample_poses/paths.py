@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from math import atan2
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -13,6 +15,7 @@ from oaisys_core import geometry
 from oaisys_core.config.sections.sensing.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
+from oaisys_core.geometry.places import waypoints_in_map
 from oaisys_core.trajectory.sample_poses.base import (
     Motion,
     MotionStep,
@@ -22,7 +25,10 @@ from oaisys_core.trajectory.sample_poses.base import (
     on_ground,
     pose_of,
 )
-from oaisys_core.types import FloatArray, Pose, SensorInfo
+from oaisys_core.types import FloatArray, Georeference, Pose, SensorInfo
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RotationSpline
 
 ARC_POINTS = 256
 """Points between two waypoints at which the length of a spline is measured."""
@@ -78,6 +84,10 @@ class Grid(Motion):
             column = config.columns - 1 - column
         x0, y0, x1, y1 = step.ground.extent_m
         centre_m = config.centre_m or ((x0 + x1) / 2, (y0 + y1) / 2)
+        if config.centre_lon_lat_deg is not None:
+            field = "sensors.motion.centre_lon_lat_deg"
+            ((x, y, _),) = waypoints_in_map(step.georeference, [config.centre_lon_lat_deg], field)
+            centre_m = float(x), float(y)
         x = centre_m[0] + (column - (config.columns - 1) / 2) * self._spacing_m[0]
         y = centre_m[1] + ((config.rows - 1) / 2 - row) * self._spacing_m[1]
         camera_m = on_ground(np.array((x, y, 0.0)), config.altitude_m, step.ground)
@@ -92,33 +102,30 @@ class Spline(Motion):
     """See `SplineMotion`."""
 
     def __init__(self, config: SplineMotion) -> None:
-        from scipy.spatial.transform import Rotation, RotationSpline
-
         self._config = config
         self.step_interval = config.step_interval
-        closing = [0] if config.is_closed else []
-        waypoints_m = np.array([*config.waypoints_m, *(config.waypoints_m[i] for i in closing)])
-        knots = geometry.distances_along_m(waypoints_m)
-        self._curve = scipy.interpolate.CubicSpline(
-            knots, waypoints_m, bc_type="periodic" if config.is_closed else "natural"
-        )
-        self._rotations: RotationSpline | None = None
-        if config.quats_xyzw:
-            quats = [*config.quats_xyzw, *(config.quats_xyzw[i] for i in closing)]
-            self._rotations = RotationSpline(knots, Rotation.from_quat(quats))
-        segments = [np.linspace(a, b, ARC_POINTS) for a, b in pairwise(knots)]
-        self._at = np.concatenate(segments)
-        self._arc_m = geometry.distances_along_m(self._curve(self._at))
+        self._path: _Path | None = None
+        self._georeference: Georeference | None = None
 
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
-        at = self._parameter(step.index)
-        position_m = at_height(self._curve(at), self._config, step, step.rng)
+        path = self._path_of(step.georeference)
+        at = self._parameter(path, step.index)
+        position_m = at_height(path.curve(at), self._config, step, step.rng)
         if position_m is None:
             return None
-        if self._rotations is not None:
-            return pose_of(position_m, self._rotations(at))
-        return self._facing(position_m, self._curve(at, 1))
+        if path.rotations is not None:
+            return pose_of(position_m, path.rotations(at))
+        return self._facing(position_m, path.curve(at, 1))
+
+    def _path_of(self, georeference: Georeference | None) -> _Path:
+        """Return the path on a ground, which is the same for all steps of a batch."""
+        if self._path is None or (
+            self._config.waypoints_lon_lat_deg and georeference != self._georeference
+        ):
+            self._path = _Path.of(self._config, georeference)
+            self._georeference = georeference
+        return self._path
 
     def _facing(self, position_m: FloatArray, tangent: FloatArray) -> Pose:
         if self._config.look == "forward":
@@ -126,12 +133,56 @@ class Spline(Motion):
         x, y, z = position_m.tolist()
         return geometry.pose_looking_down(x, y, z, atan2(tangent[1], tangent[0]))
 
-    def _parameter(self, index: int) -> float:
+    def _parameter(self, path: _Path, index: int) -> float:
         """Return the spline parameter of a step, by arc length."""
-        config, total_m = self._config, float(self._arc_m[-1])
+        config, total_m = self._config, float(path.arc_m[-1])
         if config.is_closed:
-            path_m = index * config.step_m % total_m
+            way_m = index * config.step_m % total_m
         else:
             count = int(total_m / config.step_m + 1e-9) + 1
-            path_m = index_in(index, count, config.at_end, "steps of the path") * config.step_m
-        return float(np.interp(path_m, self._arc_m, self._at))
+            way_m = index_in(index, count, config.at_end, "steps of the path") * config.step_m
+        return float(np.interp(way_m, path.arc_m, path.at))
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A spline, and its length.
+
+    Attributes:
+        curve: (3,) points by its parameter.
+        rotations: By the same; None if they follow from the path.
+        at, arc_m: Parameters, and the lengths up to them.
+    """
+
+    curve: scipy.interpolate.CubicSpline
+    rotations: RotationSpline | None
+    at: FloatArray
+    arc_m: FloatArray
+
+    @classmethod
+    def of(cls, config: SplineMotion, georeference: Georeference | None) -> _Path:
+        """Return the path through the waypoints of a configuration."""
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        waypoints_m = _waypoints_m(config, georeference)
+        if config.is_closed:
+            waypoints_m = np.vstack((waypoints_m, waypoints_m[:1]))
+        knots = geometry.distances_along_m(waypoints_m)
+        curve = scipy.interpolate.CubicSpline(
+            knots, waypoints_m, bc_type="periodic" if config.is_closed else "natural"
+        )
+        rotations = None
+        if config.quats_xyzw:
+            quats = [*config.quats_xyzw, *(config.quats_xyzw[:1] if config.is_closed else ())]
+            rotations = RotationSpline(knots, Rotation.from_quat(quats))
+        at = np.concatenate([np.linspace(a, b, ARC_POINTS) for a, b in pairwise(knots)])
+        return cls(curve, rotations, at, geometry.distances_along_m(curve(at)))
+
+
+def _waypoints_m(config: SplineMotion, georeference: Georeference | None) -> FloatArray:
+    """Return the (K, 3) waypoints; z is 0 where the height above the ground replaces it."""
+    if config.waypoints_m:
+        return np.array(config.waypoints_m)
+    field = "sensors.motion.waypoints_lon_lat_deg"
+    points_m = waypoints_in_map(georeference, config.waypoints_lon_lat_deg, field)
+    return np.asarray(np.nan_to_num(points_m))

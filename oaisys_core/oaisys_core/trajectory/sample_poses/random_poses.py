@@ -13,6 +13,7 @@ from oaisys_core.config.sections.sensing.motion import (
     RandomMotion,
     TargetConfig,
 )
+from oaisys_core.geometry.places import waypoints_in_map
 from oaisys_core.trajectory.sample_poses.base import (
     Motion,
     MotionStep,
@@ -96,6 +97,10 @@ class AroundTarget(Motion):
         if config.target_instance is not None:
             return step.locate(config.target_instance)
         target_m = np.array(config.target_m)
+        if config.target_lon_lat_deg is not None:
+            field = "sensors.motion.target_lon_lat_deg"
+            (place_m,) = waypoints_in_map(step.georeference, [config.target_lon_lat_deg], field)
+            target_m = np.where(np.isnan(place_m), target_m, place_m)
         if not config.target_above_ground:
             return target_m
         return on_ground(target_m, config.target_m[2], step.ground)

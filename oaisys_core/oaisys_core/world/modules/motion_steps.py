@@ -20,6 +20,7 @@ def motion_step(motion: Motion, world: World, batch_seed: int) -> MotionStep:
         batch_rng=randomness.stream(batch_seed, STREAM),
         ground=require(world.ground),
         locate=lambda instance_id: _position_m(world, instance_id),
+        georeference=world.georeference,
     )
 
 

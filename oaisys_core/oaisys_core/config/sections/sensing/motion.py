@@ -13,6 +13,9 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.section import (
+    Latitude,
+    Longitude,
+    PlaceInDegrees,
     Positive,
     PositiveRange,
     Quaternion,
@@ -173,6 +176,9 @@ class AroundTargetMotion(TargetConfig):
 
     Attributes:
         target_m: Position of the target, unless ``target_instance`` is given.
+        target_lon_lat_deg: (longitude, latitude) or (longitude, latitude, elevation in m) of the
+            target, instead of ``target_m``, on an elevation model that says where it lies. Without
+            an elevation, and with ``target_above_ground``, z is that of ``target_m``.
         target_above_ground: Whether the z of ``target_m`` is relative to the ground.
         distance_m: Distance from the target.
         elevation_deg: Elevation above the horizon of the target.
@@ -183,6 +189,7 @@ class AroundTargetMotion(TargetConfig):
 
     kind: Literal["around_target"]
     target_m: Vector3 = (0.0, 0.0, 0.0)
+    target_lon_lat_deg: PlaceInDegrees | None = None
     target_above_ground: bool = False
     distance_m: PositiveRange = (5.0, 10.0)
     elevation_deg: ElevationRange = (20.0, 70.0)
@@ -222,6 +229,8 @@ class GridMotion(Section):
         altitude_m: Height above the ground below each view.
         overlap: Share of an image's edge that neighbouring views have in common, on flat ground.
         centre_m: (x, y) of the grid's centre; None for that of the stage.
+        centre_lon_lat_deg: Longitude and latitude of the centre instead, on an elevation model that
+            says where it lies.
         camera: Camera whose footprint determines the spacing; None for the first camera.
         step_interval: Number of samples for which the rig keeps each pose.
         at_end: After the last view: keep it, start again, or fail.
@@ -233,9 +242,16 @@ class GridMotion(Section):
     altitude_m: Positive = 10.0
     overlap: float = Field(default=0.5, ge=0, lt=1)
     centre_m: tuple[float, float] | None = None
+    centre_lon_lat_deg: tuple[Longitude, Latitude] | None = None
     camera: str | None = None
     step_interval: int = Field(default=1, ge=1)
     at_end: AtEnd = "repeat"
+
+    @model_validator(mode="after")
+    def _one_centre(self) -> GridMotion:
+        if self.centre_m is not None and self.centre_lon_lat_deg is not None:
+            raise ValueError("expected either centre_m or centre_lon_lat_deg, not both")
+        return self
 
 
 class SplineMotion(MotionConfig):
@@ -243,6 +259,9 @@ class SplineMotion(MotionConfig):
 
     Attributes:
         waypoints_m: (x, y, z) of each waypoint; successive ones must differ.
+        waypoints_lon_lat_deg: (longitude, latitude, elevation in m) of the waypoints instead of
+            ``waypoints_m``, on an elevation model that says where it lies. They need no elevation
+            with ``height_above_ground_m``.
         quats_xyzw: Orientation at each waypoint; empty to use ``look``.
         look: Along the path, or straight down with the image's upper edge along the path.
         step_m: Distance between steps.
@@ -251,7 +270,8 @@ class SplineMotion(MotionConfig):
     """
 
     kind: Literal["spline"]
-    waypoints_m: tuple[Vector3, ...] = Field(min_length=2)
+    waypoints_m: tuple[Vector3, ...] = ()
+    waypoints_lon_lat_deg: tuple[PlaceInDegrees, ...] = ()
     quats_xyzw: tuple[Quaternion, ...] = ()
     look: Look = "forward"
     step_m: Positive = 1.0
@@ -260,10 +280,17 @@ class SplineMotion(MotionConfig):
 
     @model_validator(mode="after")
     def _consistent(self) -> SplineMotion:
-        ring = [*self.waypoints_m, *(self.waypoints_m[:1] if self.is_closed else ())]
-        if any(a == b for a, b in pairwise(ring)):
+        if bool(self.waypoints_m) == bool(self.waypoints_lon_lat_deg):
+            raise ValueError("expected one of waypoints_m and waypoints_lon_lat_deg")
+        points = self.waypoints_m or self.waypoints_lon_lat_deg
+        if len(points) < 2:
+            raise ValueError("expected at least two waypoints")
+        is_flat = any(len(point) == 2 for point in points)
+        if is_flat and self.height_above_ground_m is None:
+            raise ValueError("waypoints without an elevation need height_above_ground_m")
+        if any(a == b for a, b in pairwise([*points, *(points[:1] if self.is_closed else ())])):
             raise ValueError("successive waypoints must differ")
-        if self.quats_xyzw and len(self.quats_xyzw) != len(self.waypoints_m):
+        if self.quats_xyzw and len(self.quats_xyzw) != len(points):
             raise ValueError("there must be one quaternion for each waypoint, or none")
         return self
 

@@ -35,7 +35,7 @@ from oaisys_core.scene import (
     TerrainMaterial,
     WheelTracks,
 )
-from oaisys_core.types import FloatArray, GroupCount, Pose
+from oaisys_core.types import FloatArray, Georeference, GroupCount, Pose
 from oaisys_core.world.modules.assets.metadata import AssetMetadata
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
 
@@ -135,8 +135,10 @@ class AssetGenerator:
         ground: Ground,
         material: TerrainMaterial | None,
         rng: np.random.Generator,
+        georeference: Georeference | None = None,
     ) -> None:
         self._config, self._library, self._plan = config, library, plan
+        self._georeference = georeference
         self._ground, self._material, self._rng = ground, material, rng
         self._prototypes: list[MeshPrototype] = []
         self._placements: list[AssetPlacement] = []
@@ -231,7 +233,9 @@ class AssetGenerator:
         foot_m = footprint_of(look).foot_m * mover.scale if mover.on_ground else None
         moves = Mover(
             index=len(self._placements),
-            trajectory=make_trajectory(mover.trajectory),
+            trajectory=make_trajectory(
+                mover.trajectory, self._georeference, f"assets.movers.{mover.name}.trajectory"
+            ),
             scale=mover.scale,
             foot_m=foot_m,
             leaves_tracks=mover.on_ground and mover.shape == "rover" and not mover.hidden,

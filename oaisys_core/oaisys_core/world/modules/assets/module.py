@@ -87,7 +87,7 @@ class AssetsModule(Module):
         """Draw all objects of a new world; edits of ids that it does not have are ignored."""
         checked = asset_metadata({}, metadata)
         material = require(world.material) if self._follows_layers() else None
-        things = self._draw(require(world.ground), material, checked, rng)
+        things = self._draw(world, material, checked, rng)
         world.primitives = things.primitives
         world.group_counts = things.counts
         for thing in self._config.items_with_labels:
@@ -152,19 +152,22 @@ class AssetsModule(Module):
 
     def _draw(
         self,
-        ground: Ground,
+        world: World,
         material: TerrainMaterial | None,
         metadata: AssetMetadata,
         rng: np.random.Generator,
     ) -> DrawnAssets:
         """Draw all objects, or return those of the last batch if they would be the same."""
+        ground = require(world.ground)
         before = rng.bit_generator.state
         last = self._last
         same = last is not None and last.ground is ground and last.material is material
         if last and same and (last.metadata, last.before) == (metadata, before):
             rng.bit_generator.state = last.after
             return last.things
-        generator = AssetGenerator(self._config, self._library, self._plan, ground, material, rng)
+        generator = AssetGenerator(
+            self._config, self._library, self._plan, ground, material, rng, world.georeference
+        )
         things = generator.draw(metadata)
         after = rng.bit_generator.state
         self._last = _PreviousDraw(ground, material, metadata, before, after, things)
