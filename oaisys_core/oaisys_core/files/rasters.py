@@ -16,6 +16,9 @@ MAX_BANDS = 64
 
 GEOTIFF = ("GTiff",)
 
+CACHE_BYTES = 64_000_000
+"""Decoded blocks of a large file that GDAL keeps."""
+
 ELEVATION_DRIVERS = (
     *GEOTIFF,
     *("AAIGrid", "GRASSASCIIGrid", "SRTMHGT", "DTED", "USGSDEM", "HFA", "netCDF", "ISIS3", "PDS"),
@@ -96,6 +99,33 @@ def open_raster(
         raise use.refusal(shown, error) from error
 
 
+@contextmanager
+def open_large_geotiff(path: Path, use: ImageUse) -> Iterator[Any]:
+    """Open a GeoTIFF where it lies, to read windows of it, see `open_geotiff`.
+
+    Args:
+        path: The file, of any number of pixels.
+        use: Bounds its blocks, which are decoded as a whole.
+
+    Raises:
+        InvalidInputError: It is no GeoTIFF that can be read.
+    """
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    if not path.is_file():
+        raise use.refusal(str(path), FileNotFoundError("no regular file"))
+    try:
+        with (
+            rasterio.Env(**_ALONE, GDAL_CACHEMAX=CACHE_BYTES),
+            rasterio.open(path.resolve(), driver="GTiff") as file,
+        ):
+            _check_blocks(file, use, str(path))
+            yield file
+    except (RasterioError, OSError) as error:
+        raise use.refusal(str(path), error) from error
+
+
 def _name_in_memory(name: str) -> str:
     """Return a name with nothing of the file's own but what a driver needs."""
     path = Path(name)
@@ -138,6 +168,10 @@ def _check_size(file: Any, use: ImageUse, name: str) -> None:
         expected = f"{use.name} with one layer, not {layers} (extract one with gdal_translate)"
         raise InvalidInputError(use.field, name, expected)
     use.check(file.width, file.height, name)
+    _check_blocks(file, use, name)
+
+
+def _check_blocks(file: Any, use: ImageUse, name: str) -> None:
     if file.count > MAX_BANDS:
         expected = f"{use.name} of at most {MAX_BANDS} bands, not {file.count}"
         raise InvalidInputError(use.field, name, expected)

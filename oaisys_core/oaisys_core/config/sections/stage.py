@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from oaisys_core.config.section import MAX_M, Positive, Section, Vector3
+from oaisys_core.config.section import MAX_M, Latitude, Longitude, Positive, Section, Vector3
 from oaisys_core.config.sections.erosion import ErosionConfig
 from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.files.path_fields import ConfigFile
@@ -37,6 +37,18 @@ StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-
 """A name that cannot be a path."""
 
 
+class DemWindowConfig(Section):
+    """The part of a large GeoTIFF that becomes the ground; nothing else of its heights is read.
+
+    Attributes:
+        size_m: Width along the file's columns and height along its rows, in true metres.
+        centre_lon_lat_deg: Longitude and latitude of its middle; null for the middle of the file.
+    """
+
+    size_m: tuple[Positive, Positive]
+    centre_lon_lat_deg: tuple[Longitude, Latitude] | None = None
+
+
 class DemConfig(Section):
     """A digital elevation model: a raster such as a GeoTIFF, or a grey image.
 
@@ -59,6 +71,8 @@ class DemConfig(Section):
         ground_spacing_m: Distance between grid points of the ground; None uses that of the pixels.
         band: Band of a raster, or channel of an image; None uses the first, unless it is a
             colour's.
+        window: The part of a GeoTIFF with a reference system of a body that is used; null for all.
+            The whole file may then be larger than other images.
     """
 
     file: ConfigFile
@@ -72,9 +86,14 @@ class DemConfig(Section):
     crs: str | None = Field(default=None, max_length=10_000)
     ground_spacing_m: Positive | None = None
     band: int | None = Field(default=None, ge=1)
+    window: DemWindowConfig | None = None
 
     @model_validator(mode="after")
     def _one_size(self) -> DemConfig:
+        if self.window is not None and (self.spacing_m or self.size_m):
+            raise ValueError(
+                "window has the file's own pixel size: expected no spacing_m or size_m"
+            )
         if self.size_m is not None and self.spacing_m is not None:
             raise ValueError("expected spacing_m or size_m, not both")
         return self

@@ -54,7 +54,7 @@ def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
     Raises:
         InvalidInputError: The file cannot be read or used, or does not define its pixel size.
     """
-    model = read_model(config.file, config.band, field)
+    model = read_model(config, field)
     reference = _reference(model, config, field)
     missing = find_missing(model.values, config.nodata)
     if missing.all():

@@ -12,6 +12,7 @@ import rasterio
 from affine import Affine
 from pyproj import CRS, Geod, Transformer
 from rasterio.control import GroundControlPoint
+from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
 from typer.testing import CliRunner
 
@@ -265,3 +266,52 @@ def test_control_points_in_a_line_are_refused(tmp_path: Path, columns: tuple[flo
         file.write(np.ones((9, 9), np.float32), 1)
     with pytest.raises(InvalidInputError, match="at least 3, not in a line"):
         imported(path)
+
+
+def test_a_window_of_a_large_file_is_read_alone(tmp_path: Path) -> None:
+    """100 km at 5 m, of which but the pixels of the window are stored at all."""
+    path, side, first = tmp_path / "large.tif", 20_000, (12_000, 7_000)
+    place = Affine(5.0, 0, 400_000.0, 0, -5.0, 5_300_000.0)
+    columns, rows = np.meshgrid(np.arange(512) + 0.5, np.arange(512) + 0.5)
+    x, y = place @ (columns + first[0], rows + first[1])
+    profile: dict[str, Any] = {"driver": "GTiff", "dtype": "float32", "count": 1, "nodata": -1.0}
+    tiles = {"tiled": True, "blockxsize": 256, "blockysize": 256, "SPARSE_OK": True}
+    with rasterio.open(
+        path, "w", width=side, height=side, transform=place, crs="EPSG:32633", **profile, **tiles
+    ) as file:
+        heights = 0.1 * (x - 460_000) + 0.02 * (y - 5_265_000) + 900
+        file.write(heights.astype(np.float32), 1, window=Window(*first, 512, 512))
+    to_degrees = Transformer.from_crs("EPSG:32633", "EPSG:4326", always_xy=True)
+    middle = to_degrees.transform(461_280.0, 5_263_720.0)
+    window = {"size_m": (1200.0, 800.0), "centre_lon_lat_deg": middle}
+
+    found = imported(path, window=window)
+    place_found = found.georeference
+    assert place_found is not None
+    x0, y0, x1, y1 = found.ground.extent_m
+    assert (x1 - x0, y1 - y0) == pytest.approx((1200.0, 800.0), abs=10.0)
+    elevation_m = found.ground.elevation_m
+    corners_m = [(x0, y0, elevation_m[0, 0]), (x1, y1, elevation_m[-1, -1])]
+    lon, lat, height_m = places.lon_lat_height(place_found, corners_m).T
+    x, y = to_degrees.transform(lon, lat, direction="INVERSE")
+    np.testing.assert_allclose(
+        height_m, 0.1 * (x - 460_000) + 0.02 * (y - 5_265_000) + 900, atol=1e-3
+    )
+
+    with pytest.raises(InvalidInputError, match="at most 100000000 pixels, not 20000 x 20000"):
+        imported(path)
+    with pytest.raises(InvalidInputError, match="a window inside of the file, of 20000 columns"):
+        imported(path, window={**window, "size_m": (80_000.0, 800.0)})
+    with pytest.raises(InvalidInputError, match="of at most 100000000 pixels"):
+        imported(path, window={"size_m": (60_000.0, 60_000.0)})
+    with pytest.raises(InvalidInputError, match="no reference system of a body"):
+        imported(path, window=window, crs='LOCAL_CS["here",UNIT["metre",1]]')
+
+
+def test_windows_need_a_geotiff_and_its_own_pixels(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("no raster")
+    with pytest.raises(InvalidInputError, match=r"stage\.dem\.file"):
+        imported(path, window={"size_m": (10.0, 10.0)})
+    with pytest.raises(ValueError, match="no spacing_m or size_m"):
+        imported(path, window={"size_m": (10.0, 10.0)}, spacing_m=1.0)

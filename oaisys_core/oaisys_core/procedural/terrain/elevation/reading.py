@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.config.sections.stage import DemConfig, DemWindowConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import ELEVATION, ImageUse, decode_pixels, read_file
-from oaisys_core.files.rasters import open_raster
+from oaisys_core.files.rasters import open_large_geotiff, open_raster
 from oaisys_core.output import exr
 from oaisys_core.procedural.terrain.elevation.control_points import (
     STRAIGHT_PX,
@@ -22,11 +23,13 @@ from oaisys_core.procedural.terrain.elevation.control_points import (
     residual_px,
     straighten,
 )
-from oaisys_core.procedural.terrain.elevation.references import UNIT_M
+from oaisys_core.procedural.terrain.elevation.references import UNIT_M, parse_reference
+from oaisys_core.procedural.terrain.elevation.windows import pixels_of
 from oaisys_core.types import FloatArray
 
 if TYPE_CHECKING:
     from affine import Affine
+    from rasterio.windows import Window
 
 LOG = logging.getLogger(__name__)
 
@@ -67,18 +70,20 @@ def use_of(field: str) -> ImageUse:
     return replace(ELEVATION, field=f"{field}.file")
 
 
-def read_model(path: Path, band: int | None, field: str) -> StoredModel:
-    """Return the elevation model in a file.
+def read_model(config: DemConfig, field: str) -> StoredModel:
+    """Return the elevation model in a file, or the part of it that is asked for.
 
     Args:
-        path: The file.
-        band: Of a raster; None: the first, unless it is a colour's.
+        config: The file, and what it does not say itself.
         field: Name of the configuration field in errors.
 
     Raises:
         InvalidInputError: It cannot be read, or contains no heights.
     """
-    use = use_of(field)
+    if config.window is not None:
+        with open_large_geotiff(config.file, use_of(field)) as file:
+            return _from_window(file, config, config.window, field)
+    path, band, use = config.file, config.band, use_of(field)
     data = read_file(path, use)
     if data.startswith(EXR):
         model = StoredModel(_read_exr(path, field))
@@ -152,12 +157,31 @@ def _read_raster(data: bytes, path: Path, band: int | None, field: str) -> Store
             return _from_dataset(file, path, band, field)
 
 
-def _from_dataset(file: Any, path: Path, band: int | None, field: str) -> StoredModel:
+def _from_window(file: Any, config: DemConfig, window: DemWindowConfig, field: str) -> StoredModel:
+    """Return the model in a window of a large file."""
+    from affine import Affine
+    from rasterio.windows import Window
+
+    system = config.crs or (file.crs and file.crs.to_wkt(version="WKT2_2019"))
+    reference = parse_reference(system, f"{field}.file") if system else None
+    if reference is None or reference.is_local or file.transform.is_identity:
+        expected = "none, because the file has no reference system of a body with its pixels in it"
+        raise InvalidInputError(f"{field}.window", str(config.file), expected)
+    part = pixels_of(window, reference, file.transform, file.shape, field)
+    use_of(field).check(part.columns, part.rows, str(config.file))
+    model = _from_dataset(file, config.file, config.band, field, Window(*part))
+    moved = file.transform @ Affine.translation(part.column, part.row)
+    return replace(model, transform=moved)
+
+
+def _from_dataset(
+    file: Any, path: Path, band: int | None, field: str, window: Window | None = None
+) -> StoredModel:
     if band is not None and not band <= file.count:
         raise InvalidInputError(f"{field}.band", band, f"a band from 1 to {file.count}")
     chosen = (band or 1) - 1
     if band is None:
-        _check_no_picture(file, path, field)
+        _check_no_picture(file, path, field, window)
     unit = (file.units[chosen] or "").strip()
     if unit.lower() not in UNIT_M:
         raise InvalidInputError(
@@ -165,7 +189,7 @@ def _from_dataset(file: Any, path: Path, band: int | None, field: str) -> Stored
         )
     if file.dtypes[chosen] == "uint8":
         LOG.warning("%s: has 8 bits, so its heights have at most 256 steps", path)
-    values = file.read(chosen + 1, masked=True).astype(np.float64).filled(np.nan)
+    values = file.read(chosen + 1, masked=True, window=window).astype(np.float64).filled(np.nan)
     is_placed = not file.transform.is_identity
     transform, system = file.transform if is_placed else None, file.crs
     points, of_points = file.gcps
@@ -199,14 +223,14 @@ def _by_control_points(
     return straighten(values, points, transform, system), transform
 
 
-def _check_no_picture(file: Any, path: Path, field: str) -> None:
+def _check_no_picture(file: Any, path: Path, field: str, window: Window | None) -> None:
     names = [each.name for each in file.colorinterp]
     colors = [number for number, name in enumerate(names) if name in ("red", "green", "blue")]
     if names[0] == "palette":
         expected = f"heights, not the numbers of colours ({path.name} has a palette); if they are"
         raise InvalidInputError(f"{field}.band", None, f"{expected} heights, name the band: 1")
     if 0 in colors:
-        planes = file.read([number + 1 for number in colors])
+        planes = file.read([number + 1 for number in colors], window=window)
         _check_grey(np.moveaxis(planes, 0, -1), path, field)
     elif sum(name != "alpha" for name in names) > 1:
         LOG.warning("%s: has %d bands, of which the first is read", path, len(names))
