@@ -24,6 +24,7 @@ class SunFromTimeConfig(Section):
             the elevation model says, or 0 without one.
         later_h: Range of hours that are added, for a random time of day.
         s_per_sample: Seconds between one sample and the next.
+        earthshine: Whether Earth throws sunlight on the Moon; only there.
     """
 
     date_time: AwareDatetime
@@ -32,6 +33,7 @@ class SunFromTimeConfig(Section):
     north_offset_deg: float | None = Field(default=None, ge=-360, le=360)
     later_h: Annotated[Range, Within(-8784.0, 8784.0)] = (0.0, 0.0)
     s_per_sample: float = Field(default=0.0, ge=-1e7, le=1e7)
+    earthshine: bool = False
 
     @model_validator(mode="after")
     def _whole_place(self) -> SunFromTimeConfig:

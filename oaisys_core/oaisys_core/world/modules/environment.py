@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import timedelta
+from datetime import datetime, timedelta
 from math import log, radians
 from typing import TypeVar
 
@@ -19,7 +19,11 @@ from oaisys_core.config.sections.environment import (
     HdriConfig,
     SkyConfig,
 )
+from oaisys_core.config.sections.stage import body_name
+from oaisys_core.config.sections.sun import SunFromTimeConfig
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.environment.dust import shares_under_dust
+from oaisys_core.procedural.environment.earthshine import earthshine_lamp
 from oaisys_core.procedural.environment.effects import load_effects
 from oaisys_core.procedural.environment.hdri import SkyImages, images_of
 from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
@@ -27,10 +31,12 @@ from oaisys_core.procedural.environment.overcast import OVERCAST, overcast_share
 from oaisys_core.procedural.environment.radiometry import unit_w_m2
 from oaisys_core.procedural.environment.sun_in_map import (
     SeenBody,
+    map_axes,
     mean_sun_distance_au,
     sun_at,
     sun_diameter_rad,
 )
+from oaisys_core.scene import Lamp
 from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
 from oaisys_core.world.module import Metadata, SectionModule, World, override
 from oaisys_core.world.modules.lamps import check_changes, lamps_that_are_on
@@ -137,6 +143,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             for name, lamp in section.lamps.items()
         }
         world.lamps = lamps_that_are_on(section.lamps, strengths_w, world.ground)
+        world.lamps += _earthshine(section, draws, world, sky.sun_strength_w_m2)
         for thing in section.items_with_labels:
             world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
 
@@ -225,10 +232,33 @@ def _sun(config: EnvironmentConfig, draws: NamedDraws, world: World, mean_au: fl
         azimuth_deg = draws.number("sun_azimuth_deg", config.sun_azimuth_deg)
         diameter_rad = sun_diameter_rad(mean_au)
         return SeenBody(radians(elevation_deg), radians(azimuth_deg), mean_au, diameter_rad)
-    elapsed_s = at.s_per_sample * max(world.sample_id - 1, 0)
-    later = timedelta(hours=draws.number("sun_from_time.later_h", at.later_h), seconds=elapsed_s)
     body_radius_m = world.surroundings.body_radius_m
-    return sun_at(at, at.date_time + later, body_radius_m, world.georeference)
+    return sun_at(at, _time(at, draws, world), body_radius_m, world.georeference)
+
+
+def _time(at: SunFromTimeConfig, draws: NamedDraws, world: World) -> datetime:
+    elapsed_s = at.s_per_sample * max(world.sample_id - 1, 0)
+    later_h = draws.number("sun_from_time.later_h", at.later_h)
+    return at.date_time + timedelta(hours=later_h, seconds=elapsed_s)
+
+
+def _earthshine(
+    config: EnvironmentConfig, draws: NamedDraws, world: World, sun_w_m2: float
+) -> tuple[Lamp, ...]:
+    """Return the lamp that stands for Earth, if there is to be one and Earth is up.
+
+    Raises:
+        InvalidInputError: The body is not the Moon.
+    """
+    at, body_m = config.sun_from_time, world.surroundings.body_radius_m
+    if at is None or not at.earthshine:
+        return ()
+    if body_name(body_m) != "moon":
+        expected = "false: Earth lights the Moon alone (stage.body)"
+        raise InvalidInputError("environment.sun_from_time.earthshine", True, expected)
+    axes = map_axes(at, world.georeference, body_m)
+    lamp = earthshine_lamp(axes, _time(at, draws, world), sun_w_m2)
+    return () if lamp is None else (lamp,)
 
 
 def _gradient(config: SkyConfig) -> Gradient:
