@@ -88,10 +88,22 @@ class FarGroundTarget(RayTarget):
         ray = directions[0]
         # Parallel rays are given as one.
         if directions.strides[0]:
-            return super().occludes(origins_m, directions)
+            return self._occludes_any(origins_m, directions)
         if ray[2] > np.hypot(ray[0], ray[1]) * self._steepest(origins_m):
             return np.zeros(len(directions), np.bool_)
         return self._triangles.occludes(origins_m, directions)
+
+    def _occludes_any(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+        """Return (R,) whether rays in any directions hit it."""
+        found = np.zeros(len(directions), np.bool_)
+        rays = np.flatnonzero(self._may_meet(origins_m, directions, None))
+        if not len(rays):
+            return found
+        origins_m, directions = origins_m[rays], directions[rays]
+        found[rays] = self._triangles.occludes(origins_m, directions)
+        if self._level_m is not None:
+            found[rays] |= np.isfinite(self._to_level(self._level_m, origins_m, directions))
+        return found
 
     def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
         """See `RayTarget`."""

@@ -65,13 +65,13 @@ class View:
 
     def rows(self, rows: slice | NDArray[np.intp]) -> View:
         """Return a view of some rows; that of a slice shares its memory with the whole."""
-        return View(**{name: array[rows] for name, array in self._arrays().items()})
+        return View(**{name: _take(array, rows) for name, array in self._arrays().items()})
 
     def pixels(self, pixels: NDArray[np.intp] | slice) -> View:
         """Return a view of one column of (N,) pixels, which count row by row."""
         return View(
             **{
-                name: array.reshape(-1, 1, *array.shape[2:])[pixels]
+                name: _take(array.reshape(-1, 1, *array.shape[2:]), pixels)
                 for name, array in self._arrays().items()
             }
         )
@@ -434,6 +434,11 @@ class Surface:
             for p in self._scene.primitives
         ]
         return merge_meshes([labelled, *self._objects.meshes(), *solids])
+
+
+def _take(array: NDArray[Any], rows: slice | NDArray[np.intp]) -> NDArray[Any]:
+    """Return some rows of an array; `numpy.take` is thrice as fast as an index."""
+    return array[rows] if isinstance(rows, slice) else array.take(rows, axis=0)
 
 
 def ground_mesh(scene: Scene) -> TriangleMesh:

@@ -1,13 +1,22 @@
-"""What shading needs to know of surface points, whatever they lie on."""
+"""What shading needs to know of surface points, whatever they lie on.
+
+Arrays of (N, 3) vectors and colours are stored component by component (Fortran's order): NumPy then
+works on N values at a time, instead of 3, where it multiplies them by (N, 1) others.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.types import FloatArray
 
 Floats = NDArray[np.float32]
+
+Rows = NDArray[np.intp] | slice
+"""Some of N points; those of a slice are not copied."""
 
 
 class Appearance(NamedTuple):
@@ -28,7 +37,58 @@ class Appearance(NamedTuple):
     through: Floats
 
 
+def zeros(*shape: int) -> Floats:
+    """Return zeros of a shape whose last axis is that of components."""
+    return np.moveaxis(np.zeros((shape[-1], *shape[:-1]), np.float32), 0, -1)
+
+
+def by_component(values: ArrayLike) -> Floats:
+    """Return (N, ...) float32 values stored component by component; copied if they are not yet."""
+    return np.asarray(values, np.float32, order="F")
+
+
+def places_m(values: ArrayLike) -> FloatArray:
+    """Return the same in float64, as positions need it."""
+    return np.asarray(values, np.float64, order="F")
+
+
+def take(values: NDArray[Any], rows: Rows) -> NDArray[Any]:
+    """Return some of (N, ...) values, in the order in which those are stored."""
+    return values[rows] if isinstance(rows, slice) else values.T.take(rows, axis=-1).T
+
+
+def put(values: NDArray[Any], rows: Rows, some: NDArray[Any]) -> None:
+    """Replace some of (N, C) or (N,) values, in place."""
+    if values.ndim == 1:
+        values[rows] = some
+        return
+    for component, of_some in zip(values.T, some.T, strict=True):
+        component[rows] = of_some
+
+
+def dot(some: Floats, others: Floats) -> Floats:
+    """Return the (N,) products of (N, 3) vectors, or of those and one of (3,)."""
+    found = some[:, 0] * others[..., 0]
+    found += some[:, 1] * others[..., 1]
+    found += some[:, 2] * others[..., 2]
+    return found
+
+
+def cross(some: Floats, others: Floats) -> Floats:
+    """Return the (N, 3) cross products of (N, 3) vectors."""
+    found = zeros(*some.shape)
+    (a, b, c), (x, y, z) = some.T, others.T
+    found[:, 0], found[:, 1], found[:, 2] = b * z - c * y, c * x - a * z, a * y - b * x
+    return found
+
+
 def normalise(vectors: Floats) -> Floats:
     """Return (N, 3) vectors of length 1; zero vectors stay zero."""
-    square = np.einsum("ij,ij->i", vectors, vectors)
-    return np.asarray(vectors / np.sqrt(np.maximum(square, np.float32(1e-24)))[:, None])
+    length = np.sqrt(np.maximum(dot(vectors, vectors), np.float32(1e-24)))
+    return np.asarray(vectors * (1 / length)[:, None])
+
+
+def rows_where(is_wanted: NDArray[np.bool_]) -> Rows:
+    """Return the rows of (N,) that are wanted."""
+    some = np.flatnonzero(is_wanted)
+    return slice(None) if len(some) == len(is_wanted) else some

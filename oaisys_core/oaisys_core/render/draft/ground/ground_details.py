@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import ContactMap
-from oaisys_core.render.draft.appearance import Floats
+from oaisys_core.render.draft.appearance import Floats, put, take
 from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.shading.looks import (
     DARK_FROM,
@@ -51,13 +51,14 @@ def add_contact(
         return
     share = near[seen].astype(np.float32) * np.float32(1 / 255)
     dark = np.clip((share - DARK_FROM) / (1 - DARK_FROM), 0, 1)
+    before = take(color, seen)
     if fines is None:
-        color[seen] *= (1 - dark * (1 - DARKEST))[:, None]
+        put(color, seen, before * (1 - dark * (1 - DARKEST))[:, None])
         return
     part = np.minimum(share / FINES_FROM, 1) * np.float32(MAX_FINES)
-    shown = fines[seen] * (FINES_BRIGHTNESS + dark * (DARKEST - FINES_BRIGHTNESS))[:, None]
-    color[seen] += part[:, None] * (shown - color[seen])
-    lean[seen] *= (1 - part)[:, None]
+    shown = take(fines, seen) * (FINES_BRIGHTNESS + dark * (DARKEST - FINES_BRIGHTNESS))[:, None]
+    put(color, seen, before + part[:, None] * (shown - before))
+    put(lean, seen, take(lean, seen) * (1 - part)[:, None])
     roughness[seen] += part * (FINES_ROUGHNESS - roughness[seen])
 
 

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.render.draft.ground.texture_atlas import Floats, sample
+from oaisys_core.render.draft.appearance import Floats, put, take
+from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.scene.terrain_material import TerrainMaterial
 from oaisys_core.types import FloatArray
 
@@ -41,7 +42,8 @@ class GroundMasks:
         if self._of_land is None:
             self._of_land = _images(self._land.weights)
         of_land = self._look_up(self._of_land, *self._land.texels_at(xy_m[beyond]), cv2.BORDER_WRAP)
-        weights[beyond] += share[beyond, None] * (of_land - weights[beyond])
+        before = take(weights, beyond)
+        put(weights, beyond, before + share[beyond, None] * (of_land - before))
         return weights
 
     def _is_any_beyond(self, xy_m: FloatArray) -> bool:
@@ -53,8 +55,8 @@ class GroundMasks:
         self, images: list[NDArray[np.float32]], x: FloatArray, y: FloatArray, border: int
     ) -> Floats:
         at = x.astype(np.float32), y.astype(np.float32)
-        found = [sample(image, *at, border).reshape(len(x), -1) for image in images]
-        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+        found = [np.atleast_2d(sample(image, *at, border).T).T for image in images]
+        return np.asarray(found[0] if len(found) == 1 else np.concatenate([w.T for w in found]).T)
 
 
 def _images(masks: NDArray[np.float32]) -> list[NDArray[np.float32]]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.detail import DetailedGround
 from oaisys_core.raycast.surface import Surface, View
-from oaisys_core.render.draft.appearance import Floats, normalise
+from oaisys_core.render.draft.appearance import Floats, normalise, put, take, zeros
 from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.draft.objects.object_meshes import interpolate_normals, vertex_normals
 from oaisys_core.scene import FarGround, Ground, HeightField
@@ -26,17 +26,21 @@ class GroundNormals:
         self._grids: list[SlopeGrid] = []
         self._far_ground: FarGround | None = None
 
-    def at(self, surface: Surface, view: View) -> Floats:
-        """Return the (N, 3) unit normals of a view of one column, all of whose rays hit ground."""
-        scene = surface.scene
-        normals = np.zeros((len(view.depth_m), 3), np.float32)
-        is_far = surface.is_far_ground(view)[:, 0]
-        stage = slice(None) if not is_far.any() else np.flatnonzero(~is_far)
-        normals[stage] = self._of_stage(view.points_m[stage, 0], view.elements[stage, 0])
-        far = np.flatnonzero(is_far)
-        if len(far) and scene.far_ground is not None:
-            points_m, elements = view.points_m[far, 0], view.elements[far, 0]
-            normals[far] = self._of_far_ground(scene.far_ground, points_m, elements)
+    def at(self, surface: Surface, view: View, points_m: FloatArray) -> Floats:
+        """Return the (N, 3) unit normals of a view of one column, all of whose rays hit ground.
+
+        ``points_m`` are the view's, stored component by component.
+        """
+        elements = view.elements[:, 0]
+        far = np.flatnonzero(surface.is_far_ground(view)[:, 0])
+        far_ground = surface.scene.far_ground
+        if not len(far) or far_ground is None:
+            return self._of_stage(points_m, elements)
+        normals = zeros(len(elements), 3)
+        put(normals, far, self._of_far_ground(far_ground, take(points_m, far), elements[far]))
+        if len(far) < len(elements):
+            stage = np.flatnonzero(~surface.is_far_ground(view)[:, 0])
+            put(normals, stage, self._of_stage(take(points_m, stage), elements[stage]))
         return normals
 
     def take_over(self, surface: Surface) -> None:
@@ -71,21 +75,23 @@ class GroundNormals:
         for grid in self._grids[1:]:
             inside = np.flatnonzero(grid.contains(points_m))
             if len(inside):
-                normals[inside] = grid.at(points_m[inside])
+                put(normals, inside, grid.at(take(points_m, inside)))
         return normals
 
     def _of_far_ground(
         self, far_ground: FarGround, points_m: FloatArray, elements: NDArray[np.int64]
     ) -> Floats:
-        normals = np.tile(np.array((0, 0, 1), np.float32), (len(elements), 1))
+        normals = zeros(len(elements), 3)
+        normals[:, 2] = 1
         rows = np.flatnonzero(elements < far_ground.cast_triangles)
-        normals[rows] = interpolate_normals(
+        found = interpolate_normals(
             far_ground.vertices_m,
             far_ground.triangles,
             self._far_normals,
             elements[rows],
-            points_m[rows],
+            take(points_m, rows),
         )
+        put(normals, rows, found)
         return normals
 
 
@@ -104,9 +110,12 @@ class SlopeGrid:
 
     def at(self, points_m: FloatArray) -> Floats:
         """Return the (N, 3) unit normals at (N, 3) points."""
-        place = (points_m[:, :2] - np.array(self.ground.origin_xy_m)) / self.ground.spacing_m
-        x, y = place.astype(np.float32).T
-        normals = np.ones((len(points_m), 3), np.float32)
+        x, y = (
+            ((place_m - start_m) / self.ground.spacing_m).astype(np.float32)
+            for place_m, start_m in zip(points_m.T[:2], self.ground.origin_xy_m, strict=True)
+        )
+        normals = zeros(len(points_m), 3)
+        normals[:, 2] = 1
         np.negative(sample(self._slopes, x, y), out=normals[:, :2])
         return normalise(normals)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,12 +68,11 @@ class LayerTexture:
     ) -> tuple[LayerLook, Floats]:
         """Return what the texture shows at (N, 2) places in a plane, and its heights."""
         samples = tiling.samples(place_m / self.maps.tile_m)
-        of_layer = self.level_of[level]
+        of_layer = self.level_of.take(level)
         texels, reliefs = [], []
         for uv_tiles in samples.uv_tiles:
             places = self._colors.places(uv_tiles, of_layer)
-            found = self._colors.look_up(places)
-            texels.append(cv2.LUT(found[None], LINEAR)[0])
+            texels.append(self._colors.look_up(places, LINEAR))
             reliefs.append(self._reliefs.look_up(places).astype(np.float32))
         weights = samples.weights.astype(np.float32)
         if samples.turns_rad is not None:

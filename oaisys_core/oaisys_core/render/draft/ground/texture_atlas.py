@@ -38,21 +38,39 @@ class TextureAtlas:
 
     def places(self, uv_tiles: FloatArray, level: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """Return (N,) columns and rows of (N, 2) texture coordinates at (N,) levels."""
-        within = (uv_tiles - np.floor(uv_tiles)).astype(np.float32)
+        u, v = ((each - np.floor(each)).astype(np.float32) for each in uv_tiles.T)
         size = self._sizes.take(level)
-        x = within[:, 0] * size + self._lefts.take(level)
-        y = (1 - within[:, 1]) * size + self._tops.take(level)
-        return x, y
+        u *= size
+        u += self._lefts.take(level)
+        v *= -size
+        v += (self._tops + self._sizes).take(level)
+        return u, v
 
-    def look_up(self, places: tuple[Floats, Floats]) -> NDArray[Any]:
-        """Return the (N, C) or (N,) texels, interpolated between their centres."""
-        return sample(self.image, *places)
+    def look_up(
+        self, places: tuple[Floats, Floats], table: NDArray[np.float32] | None = None
+    ) -> NDArray[Any]:
+        """Return the (N, C) or (N,) texels, interpolated between their centres.
+
+        ``table`` is as `sample` has it.
+        """
+        return sample(self.image, *places, table=table)
 
 
 def sample(
-    image: NDArray[Any], x: Floats, y: Floats, border: int = cv2.BORDER_REPLICATE
+    image: NDArray[Any],
+    x: Floats,
+    y: Floats,
+    border: int = cv2.BORDER_REPLICATE,
+    table: NDArray[np.float32] | None = None,
 ) -> NDArray[Any]:
-    """Return the (N, C) or (N,) values of an image, interpolated at (N,) columns and rows."""
+    """Return the (N, C) or (N,) values of an image, interpolated at (N,) columns and rows.
+
+    Args:
+        image: (R, C) or (R, C, channels).
+        x, y: Columns and rows.
+        border: OpenCV's, for places outside.
+        table: (1, 256, channels) values to return instead of bytes.
+    """
     count = len(x)
     if not count:
         return np.zeros((0, *image.shape[2:]), image.dtype)
@@ -61,4 +79,6 @@ def sample(
     at[0, :count], at[1, :count] = x, y
     at = at.reshape(2, rows, ROW)
     found = cv2.remap(image, at[0], at[1], cv2.INTER_LINEAR, borderMode=border)
-    return np.asarray(found.reshape(rows * ROW, *found.shape[2:])[:count])
+    if table is not None:
+        found = cv2.LUT(found, table)
+    return np.asarray(found.reshape(rows * ROW, *found.shape[2:])[:count], order="F")

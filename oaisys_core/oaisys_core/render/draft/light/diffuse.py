@@ -41,7 +41,8 @@ class RoughDiffuse:
         lost = np.maximum(1 - mean, TINY)
         # Light that is scattered more than once between the facets. The article has the square of
         # the albedo; Cycles multiplies by the colour once more.
-        self._many = albedo**3 * (mean / lost)[:, None] / (1 - albedo * lost[:, None])
+        many = albedo * albedo * albedo * (mean / lost)[:, None]
+        self._many = many / (1 - albedo * lost[:, None])
 
     def radiance(self, light_cos: Floats, both_cos: Floats) -> Floats:
         """Return (N, 3) radiance by an irradiance of 1 across the beam.

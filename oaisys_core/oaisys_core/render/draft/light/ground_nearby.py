@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.surface import View
-from oaisys_core.render.draft.appearance import Appearance, Floats
-from oaisys_core.scene import Sky
+from oaisys_core.render.draft.appearance import Floats
 
 Flags = NDArray[np.bool_]
 
@@ -25,16 +24,27 @@ def ground_share(normal: Floats, bend_cos: Floats, free: Floats, is_ground: Flag
     half = np.float32(0.5)
     below = (1 - normal[:, 2]) * half
     there = np.minimum(below, (1 - bend_cos) * half + (1 - free))
-    return np.where(is_ground, there, below)
+    np.copyto(there, below, where=~is_ground)
+    return there
 
 
-def light_around(view: View, look: Appearance, sun_share: Floats, sky: Sky) -> Floats:
-    """Return (H, W) how much of the sun's light surfaces nearby in the picture get."""
+def light_around(view: View, facing: Floats, sun_share: Floats) -> Floats:
+    """Return (H, W) how much of the sun's light surfaces nearby in the picture get.
+
+    Args:
+        view: What is seen.
+        facing: (H, W) cosines of the sun's angle to the surfaces.
+        sun_share: (H, W) share of the sun's disc that they see.
+    """
     is_ground = view.is_ground.astype(np.float32)
-    facing = np.maximum(look.smooth @ np.array(sky.to_sun, np.float32), 0)
+    light = np.maximum(facing, 0)
+    light *= sun_share
+    light *= is_ground
     size = max(view.depth_m.shape[1] // AROUND_SHARE, 3)
-    lit = cv2.blur(facing * sun_share * is_ground, (size, size))
     # Where hardly any ground is nearby, as in the rest of the picture.
-    mean = np.float32((facing * sun_share * is_ground).mean() / max(is_ground.mean(), 1e-6))
+    mean = np.float32(light.mean() / max(is_ground.mean(), 1e-6))
+    lit = cv2.blur(light, (size, size))
     little = np.float32(0.02)
-    return np.asarray((lit + little * mean) / (cv2.blur(is_ground, (size, size)) + little))
+    lit += little * mean
+    lit /= cv2.blur(is_ground, (size, size)) + little
+    return np.asarray(lit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import pi, sin, sqrt
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -16,12 +17,20 @@ from oaisys_core.types import FloatArray
 EDGE_RAYS = 8
 """Rays to the disc where its share is neither none nor all."""
 
+COARSE_PX = 2
+"""Edge of the squares of pixels of which one is looked at first."""
+
+RAY_PIXELS = 4
+"""Into how many times as many bands rays are divided as pixels of an image."""
+
 BLOCK_PX = 2
 """Edge of the square of pixels whose rays go to different points of the disc, so that together they
 see its share in finer steps."""
 
 GROWTH = 12
 """How often the pixels along the edges of shadows are extended while they are half in shadow."""
+
+T = TypeVar("T", bound=np.generic)
 
 GOLDEN_RAD = pi * (3 - sqrt(5))
 """Angle by which points are spread evenly over a disc, one after the other."""
@@ -35,31 +44,55 @@ class SunLight:
         self._to_sun = np.array(sky.to_sun)
         self._discs = _discs(self._to_sun, sky.sun_angular_diameter_rad / 2)
 
-    def share(self, starts_m: FloatArray, may_see: NDArray[np.bool_]) -> Floats:
+    def share(
+        self,
+        starts_m: FloatArray,
+        may_see: NDArray[np.bool_],
+        instance_ids: NDArray[np.uint32],
+    ) -> Floats:
         """Return the (H, W) share of the disc that is seen.
 
-        Where shadows end, rays go to all of the disc.
+        One ray of each square of pixels comes first, then those of pixels that differ from their
+        neighbours. Where shadows end, rays go to all of the disc.
 
         Args:
             starts_m: (H, W, 3) just above the surface, in ``map``.
             may_see: (H, W) pixels to look at; the share of others is 0.
+            instance_ids: (H, W) what they show: other things may be in another light.
         """
-        share = np.zeros(may_see.shape, np.float32)
         flat_m = starts_m.reshape(-1, 3)
+        first = np.zeros(may_see.shape, np.bool_)
+        first[::COARSE_PX, ::COARSE_PX] = True
+        is_known = first & may_see
+        is_lit = np.zeros(may_see.shape, np.uint8)
+        self._cast(flat_m, is_known, is_lit)
+        is_like_first = _spread(is_known) & (_spread(instance_ids) == instance_ids)
+        is_lit = _spread(is_lit)
+        wanted = may_see & ~is_like_first
+        for _ in range(GROWTH):
+            wanted &= ~is_known
+            if not wanted.any():
+                break
+            self._cast(flat_m, wanted, is_lit)
+            is_known |= wanted
+            wanted = may_see & _is_edge(is_lit, may_see)
+        share = (is_lit * may_see).astype(np.float32)
+        self._refine(share, _is_edge(is_lit, may_see), flat_m, may_see.copy())
+        return share
+
+    def _cast(
+        self, starts_m: FloatArray, wanted: NDArray[np.bool_], is_lit: NDArray[np.uint8]
+    ) -> None:
+        """Write, in place, whether wanted pixels see the middle of the sun."""
+        pixels = np.flatnonzero(wanted)
+        flat = is_lit.reshape(-1)
 
         def cast(rows: slice) -> None:
-            wanted = may_see[rows]
-            share[rows][wanted] = ~self._surface.are_occluded_along(
-                starts_m[rows][wanted], self._to_sun
-            )
+            some = pixels[rows]
+            starts = starts_m.take(some, axis=0)
+            flat[some] = ~self._surface.are_occluded_along(starts, self._to_sun)
 
-        self._surface.each_band((share.shape[0], share.shape[1]), cast)
-        # Pixels that cannot see the sun are no shadow's edge.
-        square = np.ones((3, 3), np.uint8)
-        lit, dark = (np.where(may_see, share, np.float32(each)) for each in (1, 0))
-        is_edge = cv2.dilate(dark, square) > cv2.erode(lit, square)
-        self._refine(share, is_edge, flat_m, may_see.copy())
-        return share
+        self._surface.each_band((len(pixels), RAY_PIXELS), cast)
 
     def _refine(
         self,
@@ -78,26 +111,50 @@ class SunLight:
             rows = np.flatnonzero(is_edge & is_left)
             if not len(rows):
                 break
-            for disc, some in zip(self._discs, _by_place(rows, share.shape[1]), strict=True):
-                flat[some] = self._mean_share(starts_m[some], disc)
+            flat[rows] = self._mean_shares(starts_m[rows], _places(rows, share.shape[1]))
             is_left.reshape(-1)[rows] = False
             is_partly = np.zeros(share.shape, np.uint8)
             is_partly.reshape(-1)[rows] = (flat[rows] > 0) & (flat[rows] < 1)
             is_edge = cv2.dilate(is_partly, square) > 0
 
-    def _mean_share(self, starts_m: FloatArray, disc: FloatArray) -> Floats:
-        """Return the (N,) shares of a disc's rays along which (N, 3) points see the sun."""
-        seen = np.zeros(len(starts_m), np.float32)
-        for ray in disc:
-            seen += ~self._surface.are_occluded_along(starts_m, ray)
-        return np.asarray(seen / np.float32(EDGE_RAYS))
+    def _mean_shares(self, starts_m: FloatArray, places: NDArray[np.intp]) -> Floats:
+        """Return the (N,) shares of the disc's rays along which (N, 3) points see the sun.
+
+        ``places`` are those of the points' pixels in squares of `BLOCK_PX`.
+        """
+        shares = np.empty(len(starts_m), np.float32)
+
+        def cast(rows: slice) -> None:
+            rays = self._discs[places[rows]].reshape(-1, 3)
+            origins_m = np.repeat(starts_m[rows], EDGE_RAYS, axis=0)
+            is_hidden = self._surface.are_occluded(origins_m, rays)
+            shares[rows] = 1 - is_hidden.reshape(-1, EDGE_RAYS).mean(axis=1, dtype=np.float32)
+
+        self._surface.each_band((len(starts_m), EDGE_RAYS), cast)
+        return shares
 
 
-def _by_place(pixels: NDArray[np.intp], width_px: int) -> list[NDArray[np.intp]]:
-    """Return pixels, flat indices of an image, by their place in squares of `BLOCK_PX`."""
+def _spread(image: NDArray[T]) -> NDArray[T]:
+    """Return an image whose squares show what their first pixel does."""
+    first = image[::COARSE_PX, ::COARSE_PX]
+    height, width = image.shape
+    return first.repeat(COARSE_PX, axis=0)[:height].repeat(COARSE_PX, axis=1)[:, :width]
+
+
+def _is_edge(is_lit: NDArray[np.uint8], may_see: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (H, W) pixels beside others in another light.
+
+    Pixels that cannot see the sun are no shadow's edge.
+    """
+    square = np.ones((3, 3), np.uint8)
+    lit, dark = np.where(may_see, is_lit, np.uint8(1)), is_lit * may_see
+    return np.asarray(cv2.dilate(dark, square) > cv2.erode(lit, square))
+
+
+def _places(pixels: NDArray[np.intp], width_px: int) -> NDArray[np.intp]:
+    """Return the places of pixels, flat indices of an image, in squares of `BLOCK_PX`."""
     row, column = np.divmod(pixels, width_px)
-    place = row % BLOCK_PX * BLOCK_PX + column % BLOCK_PX
-    return [pixels[place == each] for each in range(BLOCK_PX**2)]
+    return row % BLOCK_PX * BLOCK_PX + column % BLOCK_PX
 
 
 def _discs(to_sun: FloatArray, radius_rad: float) -> FloatArray:

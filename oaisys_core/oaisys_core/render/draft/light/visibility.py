@@ -54,10 +54,9 @@ class SkyVisibility:
 
     def at(self, points_m: FloatArray) -> Floats:
         """Return the (N,) shares at (N, 3) points: more, the higher above the ground they are."""
-        xy_m = points_m[:, :2]
         x0, y0, x1, y1 = self._extent_m
-        x = (xy_m[:, 0] - x0) * (self._size / (x1 - x0)) - 0.5
-        y = (xy_m[:, 1] - y0) * (self._size / (y1 - y0)) - 0.5
+        x = (points_m[:, 0] - x0) * (self._size / (x1 - x0)) - 0.5
+        y = (points_m[:, 1] - y0) * (self._size / (y1 - y0)) - 0.5
         found = sample(self._map, x.astype(np.float32), y.astype(np.float32))
         share, low_m, rise_m = found.T
         risen = points_m[:, 2].astype(np.float32) - low_m

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,9 +10,24 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import linear
 from oaisys_core.raycast.surface import InstanceTable, Surface, View
-from oaisys_core.render.draft.appearance import Appearance, Floats, normalise
+from oaisys_core.render.draft.appearance import (
+    Appearance,
+    Floats,
+    by_component,
+    dot,
+    normalise,
+    places_m,
+    put,
+    take,
+    zeros,
+)
 from oaisys_core.render.draft.ground.ground_texture import GroundTexture
-from oaisys_core.render.draft.objects.object_meshes import Instances, ObjectMeshes
+from oaisys_core.render.draft.objects.object_meshes import (
+    Instances,
+    ObjectMeshes,
+    to_map,
+    to_objects,
+)
 from oaisys_core.render.draft.objects.rock_texture import RockTexture
 from oaisys_core.render.shading.ground_contact import ContactGround
 from oaisys_core.render.shading.looks import (
@@ -25,7 +40,7 @@ from oaisys_core.render.shading.looks import (
     ROCK_BRIGHTNESS,
 )
 from oaisys_core.render.shading.texture_levels import LevelStore
-from oaisys_core.scene import MeshPrototype, Scene
+from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
 from oaisys_core.types import FloatArray
 
 BOTTOM_LIGHT = 0.2
@@ -71,7 +86,7 @@ class MeshHits(NamedTuple):
 
     def take(self, rows: NDArray[np.intp]) -> MeshHits:
         """Return some of them."""
-        taken: list[Any] = [each[rows] for each in self]
+        taken: list[Any] = [take(each, rows) for each in self]
         return MeshHits(*taken)
 
 
@@ -97,6 +112,8 @@ class ObjectLook:
         if self._meshes_of is not scene.prototypes:
             self._meshes_of = scene.prototypes
             self._meshes = ObjectMeshes(scene.prototypes)
+            self._dust_m = np.array([each.dust_m or 0 for each in scene.prototypes], np.float32)
+            self._groups, self._kinds = _alike(scene.prototypes)
         self._instances = Instances(scene)
         self._solids = InstanceTable(
             scene,
@@ -118,17 +135,17 @@ class ObjectLook:
         place = self._instances.find(ids)
         count = len(ids)
         look = Appearance(
-            np.zeros((count, 3), np.float32),
-            np.zeros((count, 3), np.float32),
-            np.zeros((count, 3), np.float32),
+            zeros(count, 3),
+            zeros(count, 3),
+            zeros(count, 3),
             np.full(count, OBJECT_ROUGHNESS, np.float32),
             np.zeros(count, np.float32),
         )
         solid = np.flatnonzero(place < 0)
         if len(solid):
-            look.albedo[solid] = self._solids(ids[solid])
-            look.normal[solid] = surface.normals(view.rows(solid))[:, 0]
-            look.smooth[solid] = look.normal[solid]
+            normal = by_component(surface.normals(view.rows(solid))[:, 0])
+            for into, values in zip(look, (self._solids(ids[solid]), normal, normal), strict=False):
+                put(into, solid, values)
         meshes = np.flatnonzero(place >= 0)
         if len(meshes):
             self._add_meshes(surface, view.rows(meshes), meshes, place, footprint_m, look)
@@ -145,33 +162,37 @@ class ObjectLook:
     ) -> None:
         """Write, into ``rows``, how points on meshes look."""
         hits = self._hits(surface, view, places[rows], footprint_m[rows])
-        color, roughness = hits.color.copy(), look.roughness[rows]
-        normal, through = hits.normal.copy(), hits.through.copy()
-        for number in np.unique(hits.prototype).tolist():
-            kind = self._scene.prototypes[number]
-            at = np.flatnonzero(hits.prototype == number)
-            some = hits.take(at)
+        color, roughness = hits.color.copy(order="K"), look.roughness[rows]
+        normal, through = hits.normal.copy(order="K"), hits.through.copy()
+        groups = self._groups.take(hits.prototype)
+        for group in np.flatnonzero(np.bincount(groups)).tolist():
+            kind = self._kinds[group]
+            at = np.flatnonzero(groups == group)
+            some = hits if len(at) == len(groups) else hits.take(at)
             if kind.water is not None:
                 bottom = self._bottom(view.points_m[at, 0], some)
                 opacity = some.through[:, None]
-                color[at] = opacity * some.color + BOTTOM_LIGHT * (1 - opacity) * bottom
+                put(color, at, opacity * some.color + BOTTOM_LIGHT * (1 - opacity) * bottom)
                 through[at] = 0
             elif kind.maps is not None:
-                color[at], normal[at], roughness[at] = self._rock(kind, some)
+                rock = self._rock(kind.maps, some, has_dust=bool(kind.dust_m))
+                for values, found in zip((color, normal, roughness), rock, strict=True):
+                    put(values, at, found)
             elif kind.translucency is not None:
                 least, range_ = PLANT_BRIGHTNESS
-                color[at] *= (least + range_ * some.random)[:, None]
+                put(color, at, some.color * (least + range_ * some.random)[:, None])
             elif kind.vertex_colors_srgb is None:
                 color[at] = linear(kind.color_srgb)
             elif kind.dust_m:
                 half = np.full(len(at), 0.5, np.float32)
-                color[at] = self._with_dust(kind, some, half, color[at])
+                put(color, at, self._with_dust(some, half, some.color))
         own = surface.own_albedo(view)
         if own is not None:
             color = np.where(np.isnan(own[:, 0]), color, own[:, 0]).astype(np.float32)
-        look.albedo[rows], look.normal[rows] = color, normal
-        look.smooth[rows] = hits.normal
-        look.roughness[rows], look.through[rows] = roughness, through
+        for into, values in zip(
+            look, (color, normal, hits.normal, roughness, through), strict=True
+        ):
+            put(into, rows, values)
 
     def _hits(
         self,
@@ -182,16 +203,16 @@ class ObjectLook:
     ) -> MeshHits:
         instances = self._instances
         prototype = instances.prototypes[place]
-        offset_m = (view.points_m[:, 0] - instances.positions_m[place]).astype(np.float32)
-        R = instances.rotations[place]
-        local_m = np.einsum("nji,nj->ni", R, offset_m)
+        points_m = places_m(view.points_m[:, 0])
+        offset_m = (points_m - take(instances.positions_m, place)).astype(np.float32)
+        R = take(instances.rotations, place)
+        local_m = to_objects(R, offset_m)
         triangles = self._meshes.first_triangle[prototype] + surface.triangles_of(view)
-        found = self._meshes.at(triangles, local_m / instances.scale[place, None])
-        normal = normalise(np.einsum("nij,nj->ni", R, found.normal))
-        face = np.einsum("nij,nj->ni", R, found.face)
-        is_back = np.einsum("ij,ij->i", face, view.directions[:, 0]) > 0
+        found = self._meshes.at(triangles, local_m / instances.scale.take(place)[:, None])
+        normal = normalise(to_map(R, found.normal))
+        is_back = dot(to_map(R, found.face), by_component(view.directions[:, 0])) > 0
         # Leaves are seen from both sides.
-        normal[is_back] *= -1
+        normal *= np.where(is_back, np.float32(-1), np.float32(1))[:, None]
         random = self.random_numbers(instances.ids[place])
         return MeshHits(
             place,
@@ -212,31 +233,30 @@ class ObjectLook:
         low_m[:, 2] = self._scene.ground.height_at(points_m[:, :2])
         return self._ground.at(np.nan_to_num(low_m), hits.normal, hits.footprint_m).albedo
 
-    def _rock(self, kind: MeshPrototype, hits: MeshHits) -> tuple[Floats, Floats, Floats]:
+    def _rock(
+        self, maps: PbrMaps, hits: MeshHits, *, has_dust: bool
+    ) -> tuple[Floats, Floats, Floats]:
         """Return colours, normals and roughness of points on rocks."""
-        maps = kind.maps
-        assert maps is not None
         if id(maps) not in self._textures:
             self._textures[id(maps)] = RockTexture(maps, self._store)
-        place_m = hits.local_m + self._instances.positions_m[hits.place]
-        local = np.einsum("nji,nj->ni", hits.R, hits.normal)
+        place_m = hits.local_m + take(self._instances.positions_m, hits.place)
+        local = to_objects(hits.R, hits.normal)
         found = self._textures[id(maps)].at(place_m, local, hits.footprint_m)
         least, range_ = ROCK_BRIGHTNESS
         color = found.color * (least + range_ * hits.random)[:, None]
-        if kind.dust_m:
-            color = self._with_dust(kind, hits, found.height, color)
-        slope = np.einsum("nij,nj->ni", hits.R, found.slope)
-        along = np.einsum("ij,ij->i", slope, hits.normal)[:, None] * hits.normal
+        if has_dust:
+            color = self._with_dust(hits, found.height, color)
+        slope = to_map(hits.R, found.slope)
+        along = dot(slope, hits.normal)[:, None] * hits.normal
         return color, normalise(hits.normal - slope + along), found.roughness
 
-    def _with_dust(
-        self, kind: MeshPrototype, hits: MeshHits, height: Floats, color: Floats
-    ) -> Floats:
+    def _with_dust(self, hits: MeshHits, height: Floats, color: Floats) -> Floats:
         """Return colours under the ground's dust, see `materials.contact` of Blender's backend."""
         bed, dust = self._contact(hits.place)
         above_m = hits.offset_m[:, 2] - bed[:, 2]
-        above_m -= np.einsum("ij,ij->i", hits.offset_m[:, :2], bed[:, :2])
-        share = above_m / (self._instances.scale[hits.place] * np.float32(kind.dust_m))
+        above_m -= hits.offset_m[:, 0] * bed[:, 0] + hits.offset_m[:, 1] * bed[:, 1]
+        full_m = self._instances.scale.take(hits.place) * self._dust_m.take(hits.prototype)
+        share = above_m / full_m
         foot = np.clip(1 - share * (height * np.float32(1.4) + np.float32(0.4)), 0, 1)
         top = np.clip(hits.normal[:, 2] * 2 - np.float32(1.3), 0, 1)
         cover = np.maximum(foot * np.float32(MAX_DUST), top * np.float32(DUST_ON_TOP))
@@ -259,6 +279,28 @@ class ObjectLook:
                     beds.append(np.zeros((len(placement.instance_ids), 3), np.float32))
                     dusts.append(beds[-1])
             order = self._instances.order
-            self._contact_of = np.concatenate(beds)[order], np.concatenate(dusts)[order]
-        beds_of, dusts_of = self._contact_of
-        return beds_of[place], dusts_of[place]
+            beds_of, dusts_of = (
+                by_component(np.concatenate(each)[order]) for each in (beds, dusts)
+            )
+            self._contact_of = beds_of, dusts_of
+        return take(self._contact_of[0], place), take(self._contact_of[1], place)
+
+
+def _alike(
+    prototypes: Sequence[MeshPrototype],
+) -> tuple[NDArray[np.intp], list[MeshPrototype]]:
+    """Return the group of each prototype, and one of each group.
+
+    Rocks of the same textures are looked up together.
+    """
+    kinds: dict[object, int] = {}
+    first: list[MeshPrototype] = []
+    groups = np.zeros(len(prototypes), np.intp)
+    for number, each in enumerate(prototypes):
+        is_rock = each.maps is not None and each.water is None
+        key = (id(each.maps), bool(each.dust_m)) if is_rock else number
+        if key not in kinds:
+            kinds[key] = len(first)
+            first.append(each)
+        groups[number] = kinds[key]
+    return groups, first

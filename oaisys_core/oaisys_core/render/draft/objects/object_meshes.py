@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import linear
-from oaisys_core.render.draft.appearance import Floats, normalise
+from oaisys_core.render.draft.appearance import (
+    Floats,
+    by_component,
+    cross,
+    dot,
+    normalise,
+    places_m,
+    take,
+    zeros,
+)
 from oaisys_core.scene import MeshPrototype, Scene
 from oaisys_core.types import FloatArray
 
@@ -44,38 +53,35 @@ class ObjectMeshes:
         vertices = [each.vertices_m for each in prototypes]
         starts = np.cumsum([0, *map(len, vertices)])
         self.first_triangle = np.cumsum([0, *(len(each.triangles) for each in prototypes)])
-        self._vertices = np.concatenate([none, *vertices]).astype(np.float32)
+        self._vertices = by_component(np.concatenate([none, *vertices]))
         triangles = [
             each.triangles + start for each, start in zip(prototypes, starts[:-1], strict=True)
         ]
-        self._triangles = np.concatenate([none.astype(np.int64), *triangles]).astype(np.intp)
+        corners = np.concatenate([none.astype(np.int64), *triangles])
+        self._triangles = np.asarray(corners, np.intp, order="F")
         normals = [vertex_normals(each.vertices_m, each.triangles) for each in prototypes]
-        self._normals = np.concatenate([none, *normals])
-        self._colors = np.concatenate([none, *map(_colors, prototypes)])
+        self._normals = by_component(np.concatenate([none, *normals]))
+        self._colors = by_component(np.concatenate([none, *map(_colors, prototypes)]))
         self._through = np.concatenate([none[:, 0], *map(_through, prototypes)])
+        self._has_colors = bool((self._colors != 1).any())
+        self._has_through = bool(self._through.any())
 
     def at(self, triangles: NDArray[np.int64], points: Floats) -> MeshPoints:
         """Return what (N,) triangles of all meshes have at (N, 3) points in their own frames."""
-        corners = self._triangles.take(triangles, axis=0)
-        a, b, c = (self._vertices.take(corner, axis=0) for corner in corners.T)
+        corners = take(self._triangles, triangles).T
+        a, b, c = (take(self._vertices, corner) for corner in corners)
         b -= a
         c -= a
-        face = np.cross(b, c)
+        face = cross(b, c)
         shares = _shares(b, c, points - a, face)
-        normal, color = (
-            sum(
-                share[:, None] * values.take(corner, axis=0)
-                for share, corner in zip(shares, corners.T, strict=True)
-            )
-            for values in (self._normals, self._colors)
-        )
-        through = sum(
-            share * self._through.take(corner)
-            for share, corner in zip(shares, corners.T, strict=True)
-        )
-        return MeshPoints(
-            np.asarray(normal), face, np.asarray(color), np.asarray(through, np.float32)
-        )
+        normal = _interpolate(self._normals, corners, shares)
+        count = len(triangles)
+        color, through = zeros(count, 3) + WHITE, np.zeros(count, np.float32)
+        if self._has_colors:
+            color = _interpolate(self._colors, corners, shares)
+        if self._has_through:
+            through = _interpolate(self._through, corners, shares)
+        return MeshPoints(normal, face, color, through)
 
 
 def vertex_normals(vertices_m: NDArray[Any], triangles: NDArray[np.int32]) -> Floats:
@@ -105,23 +111,30 @@ def interpolate_normals(
 
     ``normals`` are the (V, 3) of its vertices.
     """
-    corners = triangles.take(elements, axis=0)
-    a, b, c = (vertices_m.take(corner, axis=0).astype(np.float64) for corner in corners.T)
-    b, c = (b - a).astype(np.float32), (c - a).astype(np.float32)
-    shares = _shares(b, c, (points_m - a).astype(np.float32), np.cross(b, c))
-    parts = [
-        share[:, None] * normals.take(corner, axis=0)
-        for share, corner in zip(shares, corners.T, strict=True)
-    ]
-    return normalise(parts[0] + parts[1] + parts[2])
+    corners = triangles.take(elements, axis=0).T
+    a, b, c = (places_m(vertices_m.take(corner, axis=0)) for corner in corners)
+    edge, other, offset = (by_component(each - a) for each in (b, c, points_m))
+    shares = _shares(edge, other, offset, cross(edge, other))
+    return normalise(_interpolate(normals, corners, shares))
+
+
+def _interpolate(
+    values: Floats, corners: NDArray[np.integer[Any]], shares: tuple[Floats, ...]
+) -> Floats:
+    """Return (N, C) or (N,) means of what the (3, N) corners of triangles have."""
+    found = [take(values, corner) for corner in corners]
+    for of_corner, share in zip(found, shares, strict=True):
+        of_corner[:] *= share if values.ndim == 1 else share[:, None]
+    found[0] += found[1]
+    found[0] += found[2]
+    return found[0]
 
 
 def _shares(b: Floats, c: Floats, offset: Floats, face: Floats) -> tuple[Floats, Floats, Floats]:
     """Return (N,) barycentric coordinates, from two edges and the offset from a corner."""
-    area = np.maximum(np.einsum("ij,ij->i", face, face), np.float32(1e-30))
-    second = np.einsum("ij,ij->i", np.cross(offset, c), face) / area
-    third = np.einsum("ij,ij->i", np.cross(b, offset), face) / area
-    second, third = np.clip(second, 0, 1), np.clip(third, 0, 1)
+    area = np.maximum(dot(face, face), np.float32(1e-30))
+    second = np.clip(dot(cross(offset, c), face) / area, 0, 1)
+    third = np.clip(dot(cross(b, offset), face) / area, 0, 1)
     return 1 - second - third, second, third
 
 
@@ -147,7 +160,8 @@ class Instances:
         prototypes: (I,) indices.
         positions_m: (I, 3) in ``map``.
         scale: (I,) sizes.
-        rotations: (I, 3, 3) from the objects' axes to those of ``map``.
+        rotations: (I, 3, 3) from the objects' axes to those of ``map``, one component of all after
+            the other.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -162,9 +176,9 @@ class Instances:
         poses = [np.zeros((0, 4, 4)), *(each.T_map_object for each in scene.placements)]
         T = np.concatenate(poses)[order]
         scale = np.linalg.norm(T[:, :3, 0], axis=1)
-        self.positions_m = T[:, :3, 3]
+        self.positions_m = places_m(T[:, :3, 3])
         self.scale = scale.astype(np.float32)
-        self.rotations = (T[:, :3, :3] / scale[:, None, None]).astype(np.float32)
+        self.rotations = by_component(T[:, :3, :3] / scale[:, None, None])
 
     @property
     def ids(self) -> NDArray[np.uint32]:
@@ -177,3 +191,22 @@ class Instances:
             return np.full(len(instance_ids), -1)
         place = np.minimum(np.searchsorted(self._ids, instance_ids), len(self._ids) - 1)
         return np.where(self._ids[place] == instance_ids, place, -1)
+
+
+def to_map(R: Floats, vectors: Floats) -> Floats:
+    """Return (N, 3) vectors in the axes of ``map`` of those in objects' axes.
+
+    ``R`` are the (N, 3, 3) `Instances.rotations` of each.
+    """
+    found = zeros(*vectors.shape)
+    for row in range(3):
+        found[:, row] = dot(R[:, row], vectors)
+    return found
+
+
+def to_objects(R: Floats, vectors: Floats) -> Floats:
+    """Return the inverse of `to_map`."""
+    found = zeros(*vectors.shape)
+    for column in range(3):
+        found[:, column] = dot(R[:, :, column], vectors)
+    return found

@@ -7,13 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.render.draft.appearance import Floats
+from oaisys_core.render.draft.appearance import Floats, zeros
 from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
 from oaisys_core.render.draft.objects.object_meshes import LINEAR
 from oaisys_core.render.shading.looks import BOX_BLEND, ROCK_BUMP_M
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PbrMaps
 from oaisys_core.types import FloatArray
+
+TABLE = np.stack([LINEAR] * 3, axis=-1)[None]
+"""The same for three channels."""
 
 PLANES = ((1, 2), (0, 2), (1, 0))
 """Axes of u and v of the projections along x, y and z."""
@@ -52,28 +55,32 @@ class RockTexture:
             normal: (N, 3) in the same axes.
             footprint_m: (N,) sizes of a pixel there.
         """
-        level = np.searchsorted(self._bounds_m, footprint_m)
+        level = np.zeros(len(normal), np.intp)
+        for bound_m in self._bounds_m:
+            level += footprint_m > bound_m
         weights = box_weights(normal)
         count = len(normal)
-        color, slope = np.zeros((2, count, 3), np.float32)
-        height = np.zeros(count, np.float32)
-        tiles = place_m / self._tile_m
+        color, slope, height = zeros(count, 3), zeros(count, 3), np.zeros(count, np.float32)
+        tiles = place_m * (1 / self._tile_m)
         for axis, (u, v) in enumerate(PLANES):
             rows = np.flatnonzero(weights[:, axis])
             if not len(rows):
                 continue
-            part = weights[rows, axis, None]
-            is_mirrored = normal[rows, axis] * FLIPPED[axis] > 0
-            uv = tiles[rows][:, (u, v)]
-            uv[:, 0] = np.where(is_mirrored, 1 - uv[:, 0], uv[:, 0])
-            places = self._colors.places(uv, level[rows])
-            color[rows] += part * LINEAR[self._colors.look_up(places)]
+            part = weights[:, axis].take(rows)
+            # -1 where u is mirrored.
+            sign = np.where(normal[:, axis].take(rows) * FLIPPED[axis] > 0, -1, 1).astype(np.int8)
+            along_u = tiles[:, u].take(rows)
+            along_u *= sign
+            along_u += sign < 0
+            uv = np.stack((along_u, tiles[:, v].take(rows))).T
+            places = self._colors.places(uv, level.take(rows))
+            for channel, seen in zip(color.T, self._colors.look_up(places, TABLE).T, strict=True):
+                channel[rows] += part * seen
             relief = self._reliefs.look_up(places)
-            height[rows] += part[:, 0] * relief[:, 2]
-            sign = np.where(is_mirrored, np.float32(-1), np.float32(1))
-            slope[rows, u] += part[:, 0] * relief[:, 0] * sign
-            slope[rows, v] += part[:, 0] * relief[:, 1]
-        return RockPoints(color, height, slope, self._roughness[level])
+            height[rows] += part * relief[:, 2]
+            slope[rows, u] += part * relief[:, 0] * sign
+            slope[rows, v] += part * relief[:, 1]
+        return RockPoints(color, height, slope, self._roughness.take(level))
 
 
 def box_weights(normal: Floats) -> Floats:
@@ -83,22 +90,24 @@ def box_weights(normal: Floats) -> Floats:
     are blended where the third is small, and all three in between.
     """
     size = np.abs(normal)
-    size = size / np.maximum(size.sum(axis=1, keepdims=True), np.float32(1e-12))
+    total = size[:, 0] + size[:, 1] + size[:, 2]
+    size = size / np.maximum(total, np.float32(1e-12))[:, None]
     limit = np.float32(0.5 * (1 + BOX_BLEND))
     weights = ((2 - limit) * size + (limit - 1)) / (2 * limit - 1)
     for third in range(3):
         first, second = (axis for axis in range(3) if axis != third)
         both = size[:, first] + size[:, second]
-        pair = size[:, third] < (1 - limit) * both
-        share = size[pair, first] / both[pair]
-        share = np.clip((share - 0.5 * (1 - BOX_BLEND)) / BOX_BLEND, 0, 1)
+        pair = np.flatnonzero(size[:, third] < (1 - limit) * both)
+        share = size[:, first].take(pair) / both.take(pair)
+        share = np.clip((share - np.float32(0.5 * (1 - BOX_BLEND))) / np.float32(BOX_BLEND), 0, 1)
         weights[pair, first], weights[pair, second], weights[pair, third] = share, 1 - share, 0
     for axis in range(3):
         others = [size[:, axis] + size[:, other] for other in range(3) if other != axis]
         alone = (size[:, axis] > limit * others[0]) & (size[:, axis] > limit * others[1])
-        weights[alone] = np.eye(3, dtype=np.float32)[axis]
-    weights = np.maximum(weights, 0)
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True), np.float32)
+        for other in range(3):
+            np.putmask(weights[:, other], alone, np.float32(other == axis))
+    np.maximum(weights, 0, out=weights)
+    return np.asarray(weights / (weights[:, 0] + weights[:, 1] + weights[:, 2])[:, None])
 
 
 def _relief(height: NDArray[np.float32], tile_m: float) -> NDArray[np.float32]:
