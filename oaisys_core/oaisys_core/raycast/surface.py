@@ -214,8 +214,9 @@ class Surface:
                 of_band = None if pixels is None else pixels[rows]
                 self._cast_at(index, origins_m, band, of_band)
             with np.errstate(invalid="ignore"):
-                np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
-                band.points_m[...] += eyes_m
+                for axis in range(3):
+                    along_m = band.depth_m * band.directions[..., axis]
+                    np.add(along_m, eyes_m[..., axis], out=band.points_m[..., axis])
 
         self.each_band((shape[0], shape[1]), cast)
         return view
@@ -281,7 +282,9 @@ class Surface:
         limits = depth_m[rays]
         directions = view.directions.reshape(-1, 3)[rays]
         found_m, elements = target.intersect(origins_m, directions, limits)
-        nearer = np.flatnonzero(found_m < limits)
+        nearer: Any = np.flatnonzero(found_m < limits)
+        if len(nearer) == len(found_m):
+            nearer = slice(None)
         elements = elements[nearer]
         seen = nearer if pixels is None else rays[nearer]
         depth_m[seen] = found_m[nearer]
@@ -304,15 +307,23 @@ class Surface:
         return ids
 
     def _labels(self, view: View, of_instance: InstanceTable, level: int) -> NDArray[np.uint16]:
-        ids = of_instance(view.instance_ids)
-        ids[view.is_ground] = self._scene.material.semantic_ids_at(
-            view.points_m[view.is_ground][:, :2], level
-        )
-        own = self._scene.sky.ground_semantic_ids
+        shape, scene = view.depth_m.shape, self._scene
+        ids = np.zeros(view.depth_m.size, np.uint16)
+        objects = np.flatnonzero(view.instance_ids)
+        ids[objects] = of_instance(view.instance_ids.reshape(-1)[objects])
+        ground: Any = np.flatnonzero(view.is_ground)
+        if len(ground) == len(ids):
+            ground = slice(None)
+        xy_m = _take(view.points_m.reshape(-1, 3), ground)[:, :2]
+        ids[ground] = scene.material.semantic_ids_at(xy_m, level)
+        own = scene.sky.ground_semantic_ids
         if self._far_ground is not None and own is not None:
-            ids[view.targets == len(self._targets) - 1] = id_of_level(own, level)
-        ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
-        return ids
+            ids[view.targets.reshape(-1) == len(self._targets) - 1] = id_of_level(own, level)
+        missed = np.flatnonzero(~view.is_hit)
+        if len(missed):
+            rays = view.directions.reshape(-1, 3).take(missed, axis=0)
+            ids[missed] = scene.sky.semantic_ids_at(rays, level)
+        return ids.reshape(shape)
 
     def normals(self, view: View) -> FloatArray:
         """Return the (H, W, 3) unit normals in ``map``, facing the camera; 0 without a hit."""

@@ -258,6 +258,8 @@ def test_no_ray_is_left_out_that_meets_the_ground_beyond(surroundings: str) -> N
         expected_m, _ = far_triangles(far_ground).intersect(origin_m, directions)
         hit = np.isfinite(expected_m)
         assert (found_m[hit] <= expected_m[hit]).all()
+        origins_m = np.tile(origin_m, (len(directions), 1))
+        np.testing.assert_array_equal(target.occludes(origins_m, directions), np.isfinite(found_m))
         met += int(hit.sum())
     assert met > 1000
 

@@ -1,5 +1,6 @@
 """Draft's pictures against closed forms, against Cycles, and each other."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from math import cos, pi, radians, sin, tan
 from typing import Any
@@ -13,6 +14,7 @@ from synthetic_worlds import CENTRED, EXTENT_M, SUNNY, camera, flat_world, rocky
 from oaisys_core.color import linear
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, transform
 from oaisys_core.procedural.environment.light import sky_irradiance_w_m2
+from oaisys_core.raycast import surface as surface_module
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.render.draft.draft import DraftRenderer, Shaded
@@ -141,6 +143,41 @@ def test_the_penumbra_is_as_wide_as_the_sun_is_large(diameter_deg: float) -> Non
     assert rest_m - quarter_m == pytest.approx(0.49 * reach_m, rel=0.3)
 
 
+def test_shadows_as_thin_as_a_pixel_are_whole() -> None:
+    """Against the slab method, for poles whose shadows are 1.5 pixels wide."""
+    x_m = np.linspace(-3, 3, 7)
+    poles = tuple(
+        Primitive(
+            "box",
+            (0.2, 0.2, 3.0),
+            transform(np.eye(3), (each, 0.37 * each - 1, 0.25)),
+            901 + index,
+            (20,),
+            (0.5, 0.5, 0.5),
+        )
+        for index, each in enumerate(x_m.tolist())
+    )
+    sun = wall_world(1e-4).sky
+    scene = replace(wall_world(1e-4), primitives=poles)
+    found, points_m = shade(scene, camera(pose_looking_down(0.5, -0.5, 7.0)))
+    flat_m = points_m.reshape(-1, 3)
+    is_ground = flat_m[:, 2] < 0.26
+    middles_m = np.array([pole.T_map_object[:3, 3] for pole in poles])
+    halves_m = np.array((0.1, 0.1, 1.5))
+    to_sun = np.array(sun.to_sun) + 1e-12
+    low, high = ((middles_m + sign * halves_m)[None] - flat_m[:, None] for sign in (-1, 1))
+    enter, leave = (low / to_sun, high / to_sun)
+    first, last = np.minimum(enter, leave).max(axis=-1), np.maximum(enter, leave).min(axis=-1)
+    is_dark = ((first <= last) & (last > 0)).any(axis=1)
+    # The filter leaves a dark pixel between lit ones two thirds of its shade.
+    light = found.radiance[..., 0].reshape(-1)
+    lit = float(np.median(light[is_ground & ~is_dark]))
+    shown = light < 0.6 * lit
+    assert is_dark[is_ground].sum() > 100
+    assert shown[is_ground & is_dark].mean() > 0.9
+    assert shown[is_ground & ~is_dark].mean() < 0.05
+
+
 def frames(scene: Scene, seen: PlacedCamera, how: RenderSettings = DRAFT) -> list[NDArray[Any]]:
     backend = AnalyticBackend()
     backend.build(scene, lambda _: None)
@@ -163,6 +200,22 @@ def test_the_same_view_has_the_same_bytes_whatever_was_seen_before() -> None:
     again = [frame.data for frame in backend.render_all([LOW], DRAFT)]
     for one, two, fresh in zip(first, again, frames(scene, LOW), strict=True):
         assert one.tobytes() == two.tobytes() == fresh.tobytes()
+
+
+def test_bytes_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(surface_module, "BAND_PIXELS", 320)
+    scene = rocky_world()
+    images = []
+    for threads in (0, 1, 5):
+        monkeypatch.setattr(surface_module, "CORES", threads)
+        surface = Surface(scene, None)
+        with surface.in_parallel() if threads else nullcontext():
+            view = surface.view(LOW)
+            found = DraftRenderer().shade(surface, view, LOW)
+        images.append([view.depth_m, *found])
+    for several in images[1:]:
+        for one, other in zip(images[0], several, strict=True):
+            assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes()
 
 
 def test_draft_shows_textures_shadows_and_albedo() -> None:

@@ -115,6 +115,8 @@ class PatchyLandMasks:
 
     def blend(self, xy_m: FloatArray, weights: FloatArray) -> FloatArray:
         """Return (N, L) weights at (N, 2) points; ``weights`` are those of the stage's masks."""
+        if not self._is_any_beyond(xy_m):
+            return weights
         share = self.share_at(xy_m)
         beyond = np.flatnonzero(share)
         if not len(beyond):
@@ -123,6 +125,11 @@ class PatchyLandMasks:
         t = share[beyond, None]
         result[beyond] = weights[beyond] * (1 - t) + self._interpolate(xy_m[beyond]) * t
         return result
+
+    def _is_any_beyond(self, xy_m: FloatArray) -> bool:
+        """Return whether any of (N, 2) points is not on the stage."""
+        away_m = (np.abs(xy_m[:, axis] - self.centre_m[axis]) for axis in range(2))
+        return any((each > most).any() for each, most in zip(away_m, self.half_m, strict=True))
 
     def _interpolate(self, xy_m: FloatArray) -> FloatArray:
         columns, rows = self.texels_at(xy_m)
