@@ -344,7 +344,7 @@ def test_another_checkout_takes_turns_and_renders_the_same(tmp_path: Path) -> No
 
 def test_draft_is_judged_over_all_worlds_and_by_the_slowest() -> None:
     def world(seconds: float, psnr: float) -> dict[str, Any]:
-        times = {"s": [seconds] * 3, "cpu_s": [2 * seconds] * 3}
+        times = {"s": [seconds] * 3, "cpu_s": [2 * seconds] * 3, "alone_s": [seconds / 5] * 3}
         view = {"psnr_db": psnr, "ssim": 0.9, "brightness": 0.98}
         return {
             "geometry": times,
@@ -360,3 +360,4 @@ def test_draft_is_judged_over_all_worlds_and_by_the_slowest() -> None:
     assert found["draft_psnr"].median == pytest.approx(27)
     assert found["draft_brightness_off"].median == pytest.approx(2)
     assert found["draft_demo_draft_cpu_s"].median == pytest.approx(0.4)
+    assert found["draft_serial_share"].median == pytest.approx(10)

@@ -143,6 +143,8 @@ class FarGroundTarget(RayTarget):
             return np.asarray(is_low | (directions[:, 2] < 0))
         along = directions[:, :2]
         may = directions[:, 2] <= self._steepest(origins_m) * np.hypot(along[:, 0], along[:, 1])
+        if not may.any():
+            return np.asarray(may)
         with np.errstate(divide="ignore", invalid="ignore"):
             leaves = (np.where(along > 0, high, low) - xy) / along
         leaves[along == 0] = np.inf

@@ -355,16 +355,19 @@ class Surface:
         for target in self._targets:
             rows = np.flatnonzero(~found)
             if len(rows) < len(left):
-                left = origins_m[rows]
+                left = origins_m.take(rows, axis=0)
             found[rows] = target.occludes(left, np.broadcast_to(direction, left.shape))
         return found
 
     def are_occluded(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
         """Return (R,) whether rays in (R, 3) directions from (R, 3) origins hit anything."""
         found = np.zeros(len(origins_m), np.bool_)
+        rows, left = np.arange(len(found)), (origins_m, directions)
         for target in self._targets:
+            is_hidden = target.occludes(*left)
+            found[rows[is_hidden]] = True
             rows = np.flatnonzero(~found)
-            found[rows] = target.occludes(origins_m[rows], directions[rows])
+            left = origins_m.take(rows, axis=0), directions.take(rows, axis=0)
         return found
 
     def is_far_ground(self, view: View) -> NDArray[np.bool_]:

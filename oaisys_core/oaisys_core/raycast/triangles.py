@@ -325,7 +325,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     # In the order in which einsum adds three products, so that depth is the same to the bit.
-    return a[:, 0] * b[:, 0] + a[:, 2] * b[:, 2] + a[:, 1] * b[:, 1]
+    return np.asarray(a[:, 0] * b[:, 0] + a[:, 2] * b[:, 2] + a[:, 1] * b[:, 1])
 
 
 def _instance_ids(meshes: Sequence[TriangleMesh]) -> NDArray[np.uint32]:

@@ -20,6 +20,9 @@ def measure(
 ) -> dict[str, Any]:
     """Return seconds and processor seconds of samples with all images, and likenesses.
 
+    ``alone_s`` are those of this thread, which works while no other one does: bands of images are
+    left to a pool.
+
     The camera moves between samples, and the qualities alternate. The first sample of each is not
     counted, except as ``first_s`` of draft, which has what it makes at a world's first view.
     """
@@ -33,15 +36,16 @@ def measure(
             taken: dict[str, dict[str, list[float]]] = {}
             for quality in QUALITIES:
                 first_s, _ = observer.view(posed[-1], {"quality": quality})
-                taken[quality] = {"s": [], "cpu_s": []}
+                taken[quality] = {"s": [], "cpu_s": [], "alone_s": []}
             if size != SMALL_PX:
                 found["first_s"] = first_s
             for view in posed * rounds:
                 for quality, times in taken.items():
-                    cpu_s = time.process_time()
+                    cpu_s, alone_s = time.process_time(), time.thread_time()
                     seconds, _ = observer.view(view, {"quality": quality})
                     times["s"].append(seconds)
                     times["cpu_s"].append(time.process_time() - cpu_s)
+                    times["alone_s"].append(time.thread_time() - alone_s)
             if size == SMALL_PX:
                 found["small_s"] = taken["draft"]["s"]
                 continue

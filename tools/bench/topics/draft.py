@@ -14,6 +14,7 @@ from tools.bench.worlds import SIX_VIEWS
 
 SECONDS, SLOWEST_SECONDS, SMALL_SECONDS = 0.25, 0.35, 0.08
 PSNR_DB, SSIM, BRIGHTNESS_PERCENT = 26.0, 0.80, 5.0
+SERIAL_PERCENT = 15.0
 
 Found = Mapping[str, Any]
 """What the job ``draft.measure`` returns."""
@@ -39,6 +40,11 @@ def draft_figures(found: Mapping[str, Found]) -> list[Figure]:
     small_s = [s for each in found.values() for s in each["small_s"]]
     views = [view for each in found.values() for view in each["views"]]
     off = [100 * abs(view["brightness"] - 1) for view in views]
+    serial = [
+        100 * alone_s / cpu_s
+        for each in found.values()
+        for alone_s, cpu_s in zip(each["draft"]["alone_s"], each["draft"]["cpu_s"], strict=True)
+    ]
     figures = [
         figure("draft_s", "s", all_s, Goal(SECONDS)),
         figure(
@@ -49,6 +55,7 @@ def draft_figures(found: Mapping[str, Found]) -> list[Figure]:
             f"the world {slowest}",
         ),
         figure("draft_320x240_s", "s", small_s, Goal(SMALL_SECONDS)),
+        figure("draft_serial_share", "%", serial, Goal(SERIAL_PERCENT)),
         figure("draft_psnr", "dB", [v["psnr_db"] for v in views], Goal(PSNR_DB, at_least=True)),
         figure("draft_ssim", "", [v["ssim"] for v in views], Goal(SSIM, at_least=True)),
         figure("draft_brightness_off", "%", off, Goal(BRIGHTNESS_PERCENT)),

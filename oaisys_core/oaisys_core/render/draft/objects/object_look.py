@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from oaisys_core.render.draft.appearance import (
     zeros,
 )
 from oaisys_core.render.draft.ground.ground_texture import GroundTexture
+from oaisys_core.render.draft.objects.mesh_hits import MeshHits, alike
 from oaisys_core.render.draft.objects.object_meshes import (
     Instances,
     ObjectMeshes,
@@ -58,38 +58,6 @@ def hash_numbers(instance_ids: NDArray[np.uint32]) -> Floats:
     return (mixed * 2.0**-32).astype(np.float32)
 
 
-class MeshHits(NamedTuple):
-    """N points on instances of meshes.
-
-    Attributes:
-        place: (N,) place of each instance in `Instances`.
-        prototype: (N,) indices.
-        offset_m: (N, 3) from the instance's origin, in the axes of ``map``.
-        local_m: (N, 3) the same in the object's axes.
-        R: (N, 3, 3) rotations from the object's axes to those of ``map``.
-        normal: (N, 3) unit normals in ``map``, facing the eye.
-        color, through: See `MeshPoints`.
-        random: (N,) from 0 to 1, of each instance.
-        footprint_m: (N,) sizes of a pixel there.
-    """
-
-    place: NDArray[np.intp]
-    prototype: NDArray[np.intp]
-    offset_m: Floats
-    local_m: Floats
-    R: Floats
-    normal: Floats
-    color: Floats
-    through: Floats
-    random: Floats
-    footprint_m: Floats
-
-    def take(self, rows: NDArray[np.intp]) -> MeshHits:
-        """Return some of them."""
-        taken: list[Any] = [take(each, rows) for each in self]
-        return MeshHits(*taken)
-
-
 class ObjectLook:
     """Looks up how objects look.
 
@@ -113,7 +81,7 @@ class ObjectLook:
             self._meshes_of = scene.prototypes
             self._meshes = ObjectMeshes(scene.prototypes)
             self._dust_m = np.array([each.dust_m or 0 for each in scene.prototypes], np.float32)
-            self._groups, self._kinds = _alike(scene.prototypes)
+            self._groups, self._kinds = alike(scene.prototypes)
         self._instances = Instances(scene)
         self._solids = InstanceTable(
             scene,
@@ -284,23 +252,3 @@ class ObjectLook:
             )
             self._contact_of = beds_of, dusts_of
         return take(self._contact_of[0], place), take(self._contact_of[1], place)
-
-
-def _alike(
-    prototypes: Sequence[MeshPrototype],
-) -> tuple[NDArray[np.intp], list[MeshPrototype]]:
-    """Return the group of each prototype, and one of each group.
-
-    Rocks of the same textures are looked up together.
-    """
-    kinds: dict[object, int] = {}
-    first: list[MeshPrototype] = []
-    groups = np.zeros(len(prototypes), np.intp)
-    for number, each in enumerate(prototypes):
-        is_rock = each.maps is not None and each.water is None
-        key = (id(each.maps), bool(each.dust_m)) if is_rock else number
-        if key not in kinds:
-            kinds[key] = len(first)
-            first.append(each)
-        groups[number] = kinds[key]
-    return groups, first
