@@ -113,47 +113,27 @@ class SunLight:
             if not len(rows):
                 break
             places = _places(rows, share.shape[1])
-            flat[rows] = self._mean_shares(starts_m[rows], places, flat[rows])
+            flat[rows] = self._mean_shares(starts_m[rows], places)
             is_left.reshape(-1)[rows] = False
             is_partly = np.zeros(share.shape, np.uint8)
             is_partly.reshape(-1)[rows] = (flat[rows] > 0) & (flat[rows] < 1)
             is_edge = cv2.dilate(is_partly, square) > 0
 
-    def _mean_shares(
-        self, starts_m: FloatArray, places: NDArray[np.intp], middle: Floats
-    ) -> Floats:
+    def _mean_shares(self, starts_m: FloatArray, places: NDArray[np.intp]) -> Floats:
         """Return the (N,) shares of the disc's rays along which (N, 3) points see the sun.
 
-        Half of the rays are cast first, the others where these differ.
-
-        Args:
-            starts_m: The points.
-            places: (N,) of their pixels in squares of `BLOCK_PX`.
-            middle: (N,) whether they see the middle of the disc, 1 or 0.
+        ``places`` are those of the points' pixels in squares of `BLOCK_PX`.
         """
-        half = EDGE_RAYS // 2
-        shares = self._count_seen(starts_m, places, slice(None, None, 2)) * np.float32(1 / half)
-        rows = np.flatnonzero(shares != middle)
-        others = self._count_seen(starts_m[rows], places[rows], slice(1, None, 2))
-        shares[rows] = (shares[rows] + others * np.float32(1 / half)) / 2
-        return shares
-
-    def _count_seen(
-        self, starts_m: FloatArray, places: NDArray[np.intp], which: slice
-    ) -> NDArray[np.uint8]:
-        """Return (N,) along how many of some rays to the disc (N, 3) points see the sun."""
-        discs = self._discs[:, which]
-        count, rays = len(starts_m), discs.shape[1]
-        seen = np.empty(count, np.uint8)
+        shares = np.empty(len(starts_m), np.float32)
 
         def cast(rows: slice) -> None:
-            directions = discs[places[rows]].reshape(-1, 3)
-            origins_m = np.repeat(starts_m[rows], rays, axis=0)
-            is_hidden = self._surface.are_occluded(origins_m, directions)
-            seen[rows] = rays - is_hidden.reshape(-1, rays).sum(axis=1, dtype=np.uint8)
+            rays = self._discs[places[rows]].reshape(-1, 3)
+            origins_m = np.repeat(starts_m[rows], EDGE_RAYS, axis=0)
+            is_hidden = self._surface.are_occluded(origins_m, rays)
+            shares[rows] = 1 - is_hidden.reshape(-1, EDGE_RAYS).mean(axis=1, dtype=np.float32)
 
-        self._surface.each_band((count, rays), cast)
-        return seen
+        self._surface.each_band((len(starts_m), EDGE_RAYS), cast)
+        return shares
 
 
 def _spread(image: NDArray[T]) -> NDArray[T]:
