@@ -179,7 +179,7 @@ def _note_in_force(batch: Batch, modules: Iterable[Module]) -> None:
     batch.in_force = replace(batch.in_force, **own, custom=custom)
 
 
-def _rock_textures(config: SimulationConfig) -> tuple[int, int]:
+def _rock_textures(config: SimulationConfig) -> tuple[int | None, int]:
     return config.materials.texture_size_px, config.materials.texture_seed
 
 

@@ -64,10 +64,19 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
     Raises:
         InvalidInputError: There is no such kind.
     """
+    return fine_rock(kind, rng, min(subdivisions, MAX_SUBDIVISIONS.get(kind, subdivisions)))
+
+
+def fine_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPrototype:
+    """Return `make_rock` with as many triangles as are asked for.
+
+    Raises:
+        InvalidInputError: There is no such kind.
+    """
     if kind not in STYLES:
         raise InvalidInputError("kind", kind, one_of(ROCK_KINDS, kind))
     style = STYLES[kind]
-    directions, triangles = icosphere(min(subdivisions, MAX_SUBDIVISIONS.get(kind, subdivisions)))
+    directions, triangles = icosphere(subdivisions)
     body = 1 + style.lumps * _waves(directions, rng, frequency=2.5, octaves=3)
     radius = _cut_radius(directions, body, style, rng)
     radius *= 1 + style.ledges * _layers(directions[:, 2] * radius, rng)

@@ -26,7 +26,7 @@ LIMIT_VARIABLE = "OAISYS_CACHE_MB"
 """Environment variable with the size limit in megabytes; 0 disables the cache."""
 
 LIMIT_MB = 1024.0
-"""Default size limit: about ninety sets of 1024 pixels."""
+"""Default size limit: about ninety sets of 1024 pixels, or twenty of 2048."""
 
 SUFFIX, PARTIAL = ".npz", ".tmp"
 

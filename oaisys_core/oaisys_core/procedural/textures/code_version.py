@@ -14,6 +14,10 @@ PACKAGE = Path(__file__).parents[2]
 CODE = (
     "procedural/textures",
     "procedural/terrain/noise.py",
+    "procedural/scatter/rocks.py",
+    "raycast/triangles.py",
+    "scene/objects.py",
+    "types",
     "color.py",
     "randomness.py",
     "private/open3d_import.py",

@@ -219,6 +219,5 @@ def normals_from_height(height: Field, relief_m: float, tile_m: float) -> NDArra
     per_px = relief_m * len(height) / tile_m
     right = (np.roll(height, -1, axis=1) - np.roll(height, 1, axis=1)) * (per_px / 2)
     up = (np.roll(height, 1, axis=0) - np.roll(height, -1, axis=0)) * (per_px / 2)
-    normal = np.stack((-right, -up, np.ones_like(height)), axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return encode_normals(normal)
+    upward = 1 / np.sqrt(1 + right**2 + up**2)
+    return encode_normals(np.stack((-right * upward, -up * upward, upward), axis=-1))

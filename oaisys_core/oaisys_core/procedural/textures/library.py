@@ -33,12 +33,12 @@ TEXTURES_WITH_STONES = frozenset(name for name, recipe in RECIPES.items() if rec
 """Texture sets of which `texture_stones` can tell the stones from the ground."""
 
 
-def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> PbrMaps:
+def texture_set(name: str, size_px: int | None, seed: int, cache_dir: Path | None) -> PbrMaps:
     """Return a built-in texture set, from the cache if the same code has put it there.
 
     Args:
         name: One of `TEXTURES`.
-        size_px: Edge length of its maps.
+        size_px: Edge length of its maps; None: as large as its recipe says.
         seed: Seed of the maps.
         cache_dir: Folder of the cache; None for no cache.
 
@@ -47,6 +47,7 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
     """
     if name not in RECIPES:
         raise InvalidInputError("texture", name, one_of(TEXTURES, name))
+    size_px = size_px or RECIPES[name].size_px
     if cache_dir is None:
         return make_texture_set(name, size_px, seed)
     subsurface = RECIPES[name].subsurface
@@ -60,12 +61,12 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
 
 
 @lru_cache(maxsize=4)
-def texture_stones(name: str, size_px: int, seed: int) -> NDArray[np.uint32]:
+def texture_stones(name: str, size_px: int | None, seed: int) -> NDArray[np.uint32]:
     """Return which stone each pixel of a built-in texture set shows; it is made anew for this.
 
     Args:
         name: One of `TEXTURES_WITH_STONES`.
-        size_px: Edge length of its maps.
+        size_px: Edge length of its maps; None: as large as its recipe says.
         seed: Seed of the maps.
 
     Returns:
@@ -77,7 +78,7 @@ def texture_stones(name: str, size_px: int, seed: int) -> NDArray[np.uint32]:
     """
     if name not in TEXTURES_WITH_STONES:
         raise InvalidInputError("texture", name, one_of(TEXTURES_WITH_STONES, name))
-    stones = _make(name, size_px, seed).stones
+    stones = _make(name, size_px or RECIPES[name].size_px, seed).stones
     if stones is None:
         raise InvalidInputError("texture", name, "a texture set whose recipe makes stones")
     return stones

@@ -23,7 +23,7 @@ from oaisys_core.types import ModuleMetadata
 from oaisys_core.world.modules.layers import check_layers
 
 GROUND, STONE, COARSE = 1, 7, 40
-TILE_M, SIZE_PX, MIN_SIZE_M = 3.2, 128, 0.07
+TILE_M, SIZE_PX, MIN_SIZE_M = 2.8, 128, 0.07
 
 GRAVEL: dict[str, Any] = {
     "texture": "gravel",
@@ -123,11 +123,11 @@ def test_stones_of_the_mask_are_what_the_maps_show() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(RECIPES))
 def test_a_recipe_makes_stones_if_and_only_if_it_says_so(name: str) -> None:
-    stones = RECIPES[name].make(48, np.random.default_rng(1)).stones
+    stones = RECIPES[name].make(256, np.random.default_rng(1)).stones
     assert (stones is not None) == RECIPES[name].has_stones
     if stones is not None:
         assert stones.dtype == np.uint32
-        assert stones.shape == (48, 48)
+        assert stones.shape == (256, 256)
         assert (stones > 0).any()
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from oaisys_core.procedural.textures import cells, fields
+from oaisys_core.procedural.textures.baking.bed import Bed, Laying
+from oaisys_core.procedural.textures.baking.sizes import RosinRammler
+from oaisys_core.procedural.textures.baking.stamps import cast_rocks
 from oaisys_core.procedural.textures.recipes.finish import (
     Recipe,
     TextureMaps,
@@ -13,7 +16,7 @@ from oaisys_core.procedural.textures.recipes.finish import (
     smoothstep,
     tint,
 )
-from oaisys_core.procedural.textures.recipes.stones import StoneBed, StoneSpec
+from oaisys_core.procedural.textures.recipes.stones import pour
 
 
 def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -63,10 +66,10 @@ def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
     smear = fields.tile_noise(size_px, 22, rng, 2.1)
     grain = fields.grains(size_px, rng, 1.0)
     height = 0.0050 * churned + 0.006 * lumps + 0.0008 * smear + 0.00006 * grain
-    bed = StoneBed(height.astype(np.float32))
+    bed = Bed(height)
     firm = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.05, 1)
-    bed.add_stones(StoneSpec(5000, (0.002, 0.007), 2.3, edge=0.2, buried=0.5), rng, firm)
-    bed.add_stones(StoneSpec(500, (0.006, 0.02), 2.2, edge=0.22, buried=0.55), rng, firm)
+    law, clods = RosinRammler(0.03, 0.9), Laying(buried=(0.35, 0.7))
+    pour(bed, 2.4, cast_rocks("boulder"), law, 0.5, (0.006, 0.1), clods, rng, firm)
     height = fields.blur(bed.height, size_px / 1000)
     level = np.float32(np.quantile(height, 0.16))
     above = height - level

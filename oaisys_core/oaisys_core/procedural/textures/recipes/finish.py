@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,13 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.color import srgb
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import fields
-from oaisys_core.procedural.textures.recipes.stones import StoneBed
 
 Color = tuple[float, float, float]
 """sRGB or, where a name says so, linear reflectance of red, green and blue; 0 to 1."""
 
+PAINTED_PX, BAKED_PX = 1024, 2048
+"""Edge length of maps that are painted from noise, and of those that are baked from geometry."""
+
 LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
 """Weights of linear red, green and blue in the luminance (ITU-R BT.709)."""
+
+
+_SRGB_OF_ROOT = srgb(np.square(np.linspace(0, 1, 8192)).astype(np.float32))
+"""sRGB values by the square root of linear ones, which are closer together where it is dark."""
 
 
 class TextureMaps(NamedTuple):
@@ -48,6 +54,7 @@ class Recipe(NamedTuple):
         exposure: Where such ground lies: 1 on ridges and scarps as bare rock, -1 in hollows and on
             level ground as what wind and water carry.
         has_stones: Whether its maps tell its stones from the ground.
+        size_px: Edge length of its maps unless another one is asked for.
     """
 
     make: Callable[[int, np.random.Generator], TextureMaps]
@@ -56,11 +63,14 @@ class Recipe(NamedTuple):
     subsurface: float = 0.0
     exposure: float = 0.0
     has_stones: bool = False
+    size_px: int = PAINTED_PX
 
 
 def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float32]:
-    """Return the sRGB values, 0 to 1, of linear ones (IEC 61966-2-1)."""
-    return srgb(np.clip(np.asarray(linear, np.float32), 0, 1))
+    """Return the sRGB values, 0 to 1, of linear ones (IEC 61966-2-1), within 0.1 of a byte."""
+    root = np.sqrt(np.clip(np.asarray(linear, np.float32), 0, 1))
+    place = np.rint(root * np.float32(len(_SRGB_OF_ROOT) - 1)).astype(np.uint16)
+    return np.asarray(_SRGB_OF_ROOT[place])
 
 
 def tint(tone: Field, color: Color) -> NDArray[np.float32]:
@@ -115,29 +125,6 @@ def dusty(
     shift = hue * fields.tile_noise(size_px, 2, rng)[..., None]
     warm = 1 + shift * np.array((0.6, 0.0, -1.0), np.float32)
     return np.asarray(tone[..., None] * warm * np.array(color, np.float32), np.float32)
-
-
-def stone_bed_maps(
-    ground: NDArray[np.float32],
-    bed: StoneBed,
-    tones: Sequence[Color],
-    rng: np.random.Generator,
-    roughness: float,
-) -> TextureMaps:
-    """Return the maps of a stone bed; each stone has its own tone, with dust around its foot."""
-    size_px = len(ground)
-    tone = np.array(tones, np.float32)[rng.integers(len(tones), size=bed.count + 1)]
-    tone *= rng.normal(1.0, 0.14, (bed.count + 1, 1)).clip(0.65, 1.4).astype(np.float32)
-    mottle = 1 + 0.05 * fields.grains(size_px, rng, 0.8)
-    mottle += 0.06 * fields.tile_noise(size_px, 30, rng, 1.5)
-    stone = tone[bed.ids] * mottle[..., None]
-    # Dust covers the foot of a stone, and thinly all of it.
-    bare = np.clip(bed.above * 3.0, 0, 1) * np.float32(0.85)
-    bare *= bed.ids >= 0
-    color = ground + (stone - ground) * bare[..., None]
-    chipped = 0.0002 * fields.tile_noise(size_px, 50, rng, 1.5) * (bed.ids >= 0)
-    maps = darken_hollows(color, bed.height + chipped.astype(np.float32), rng, roughness)
-    return maps._replace(stones=(bed.ids + 1).astype(np.uint32))
 
 
 def darken_hollows(

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import fields
+from oaisys_core.procedural.textures.baking.bed import Bed, Laying
+from oaisys_core.procedural.textures.baking.ground import at_half, grit, swell
+from oaisys_core.procedural.textures.baking.sizes import PowerLaw, RosinRammler
+from oaisys_core.procedural.textures.baking.stamps import cast_rocks
 from oaisys_core.procedural.textures.recipes.finish import (
+    BAKED_PX,
     Color,
     Recipe,
     TextureMaps,
     blend,
-    dusty,
     finish_maps,
     smoothstep,
-    stone_bed_maps,
     tint,
 )
-from oaisys_core.procedural.textures.recipes.stones import StoneBed, StoneSpec
+from oaisys_core.procedural.textures.recipes.stones import Ground, pour, stone_maps
 
 GRAVEL_STONES: tuple[Color, ...] = (
     (0.56, 0.49, 0.41),
@@ -60,8 +65,18 @@ LUNAR_STONES: tuple[Color, ...] = (
 )
 
 
+GRAVEL_M, PEBBLES_M, SAND_M, REGOLITH_M, SOIL_M = 2.8, 2.2, 3.6, 2.8, 2.8
+"""Edge lengths of the tiles."""
+
+LOOSE = Laying(buried=(0.0, 0.25))
+"""Stones that lie open."""
+
+SUNK = Laying(buried=(0.2, 0.6))
+"""Stones that fines have come around."""
+
+
 def gravel(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """Broken stones of 1 to 20 cm on grit, dust between them."""
+    """Broken stones of 6 mm to 15 cm, sunk into grit and dust."""
     return _crush_stones(size_px, rng, (0.52, 0.45, 0.36), GRAVEL_STONES)
 
 
@@ -71,22 +86,38 @@ def gravel_dark(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 def _crush_stones(
-    size_px: int, rng: np.random.Generator, grit: Color, stones: tuple[Color, ...]
+    size_px: int, rng: np.random.Generator, dust: Color, stones: tuple[Color, ...]
 ) -> TextureMaps:
-    """Return stones of 1 to 20 cm on grit of one colour."""
-    swell = fields.tile_noise(size_px, 3, rng, 2.2)
-    color = dusty(size_px, rng, grit, 0.07)
-    bed = StoneBed(0.0015 * swell + 0.0004 * fields.grains(size_px, rng, 1.0))
-    crowded = np.clip(0.75 + 0.3 * fields.tile_noise(size_px, 4, rng), 0.25, 1)
-    bed.add_stones(StoneSpec(21000, (0.0024, 0.007), 2.2, edge=0.06, buried=0.2), rng)
-    bed.add_stones(StoneSpec(2600, (0.007, 0.02), 2.2, edge=0.06, buried=0.25), rng, crowded)
-    bed.add_stones(
-        StoneSpec(260, (0.015, 0.042), 2.0, flatness=0.7, edge=0.05, buried=0.3),
-        rng,
-        crowded,
+    """Return broken stones on grit of one colour.
+
+    A law of exponent 0.9 and 35 mm has stones up to 15 cm, and half of their area below 25 mm.
+    """
+    law, tile_m = RosinRammler(0.035, 0.9), GRAVEL_M
+    crowded = np.clip(0.7 + 0.35 * swell(size_px, 4, rng), 0.15, 1)
+    ground = _gritty(size_px, rng, tile_m, dust, height_m=0.007, cover=0.55)
+    bed = Bed(ground.height)
+    angular = cast_rocks("angular")
+    pour(bed, tile_m, angular, law, 0.85, (0.006, 0.15), SUNK, rng, crowded)
+    pour(bed, tile_m, angular, law, 0.08, (0.005, 0.03), LOOSE, rng, crowded)
+    return stone_maps(ground, bed, tile_m, stones, rng, roughness=0.86)
+
+
+def _gritty(
+    size_px: int,
+    rng: np.random.Generator,
+    tile_m: float,
+    dust: Color,
+    *,
+    height_m: float,
+    cover: float,
+) -> Ground:
+    """Return swells of a standard deviation with grit of 2 to 6 mm on them."""
+    high = swell(size_px, 3, rng, 2.2) * np.float32(height_m / tile_m)
+    stones = grit(
+        size_px, cast_rocks("angular"), PowerLaw(2.0), cover, (0.002 / tile_m, 0.006 / tile_m), rng
     )
-    bed.add_stones(StoneSpec(5000, (0.0024, 0.005), 2.2, buried=0.1), rng, crowded)
-    return stone_bed_maps(color, bed, stones, rng, roughness=0.86)
+    high += stones.height
+    return Ground(high, 1 + 0.13 * stones.tone, dust)
 
 
 def sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -104,20 +135,28 @@ def _gritty_sand(
     size_px: int, rng: np.random.Generator, tone: Color, stones: tuple[Color, ...]
 ) -> TextureMaps:
     """Return sand of one colour with grit and pebbles in patches."""
-    patches = fields.tile_noise(size_px, 2, rng)
+    patches = swell(size_px, 2, rng)
     ripples = fields.ripples(size_px, (24, 11), rng, bend=0.02)
     ripples *= np.clip(0.6 + 0.4 * patches, 0, 1)
-    hummocks = fields.tile_noise(size_px, 5, rng, 2.1)
-    grain = fields.grains(size_px, rng, 0.7)
+    hummocks = swell(size_px, 5, rng, 2.1)
     crumbs = fields.tile_noise(size_px, 40, rng, 1.3)
-    height = 0.0005 * ripples + 0.0016 * hummocks + 0.00018 * grain + 0.0003 * crumbs
-    color = dusty(size_px, rng, tone, 0.035)
-    color *= (1 + 0.02 * patches + 0.015 * hummocks + 0.008 * ripples + 0.045 * crumbs)[..., None]
-    bed = StoneBed(height.astype(np.float32))
-    gritty = np.clip(0.35 + 0.35 * fields.tile_noise(size_px, 3, rng), 0.06, 1)
-    bed.add_stones(StoneSpec(18000, (0.0011, 0.003), 2.2, buried=0.1), rng, gritty)
-    bed.add_stones(StoneSpec(3200, (0.003, 0.018), 2.1, edge=0.08, buried=0.2), rng, gritty)
-    return stone_bed_maps(color, bed, stones, rng, roughness=0.93)
+    height = 0.0005 * ripples + 0.0016 * hummocks + 0.0003 * crumbs
+    shade = 1 + 0.02 * patches + 0.015 * hummocks + 0.008 * ripples + 0.045 * crumbs
+    bed = Bed(height)
+    gritty = np.clip(0.35 + 0.35 * swell(size_px, 3, rng), 0.06, 1)
+    pour(
+        bed,
+        SAND_M,
+        cast_rocks("rounded"),
+        RosinRammler(0.03, 0.8),
+        0.05,
+        (0.008, 0.06),
+        SUNK,
+        rng,
+        gritty,
+    )
+    pour(bed, SAND_M, cast_rocks("angular"), PowerLaw(2.2), 0.07, (0.003, 0.01), LOOSE, rng, gritty)
+    return stone_maps(Ground(height, shade, tone), bed, SAND_M, stones, rng, roughness=0.93)
 
 
 def rippled_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -140,36 +179,39 @@ def rippled_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """A river's bank: worn pebbles of many kinds of rock, sand between them."""
-    swell = fields.tile_noise(size_px, 3, rng, 2.2)
-    color = dusty(size_px, rng, (0.50, 0.44, 0.36), 0.06)
-    bed = StoneBed(0.0015 * swell + 0.0003 * fields.grains(size_px, rng, 1.0))
+    """A river's bank: worn pebbles of many kinds of rock, sand between them.
+
+    An exponent of 1.6 is that of gravel which a stream has sorted.
+    """
+    law, tile_m = RosinRammler(0.034, 1.6), PEBBLES_M
     # A stream sorts stones into coarse and fine patches.
-    coarse = np.clip(0.6 + 0.45 * fields.tile_noise(size_px, 3, rng, 1.8), 0.05, 1)
-    bed.add_stones(StoneSpec(15000, (0.003, 0.008), 2.0, flatness=0.6, edge=0.17, buried=0.2), rng)
-    bed.add_stones(
-        StoneSpec(4200, (0.008, 0.02), 2.2, flatness=0.6, edge=0.2, buried=0.3), rng, coarse
-    )
-    bed.add_stones(
-        StoneSpec(560, (0.016, 0.036), 2.4, flatness=0.55, edge=0.2, buried=0.35), rng, coarse
-    )
-    bed.add_stones(StoneSpec(2500, (0.003, 0.006), 2.2, edge=0.15, buried=0.1), rng)
-    return stone_bed_maps(color, bed, RIVER_STONES, rng, roughness=0.72)
+    coarse = np.clip(0.75 + 0.45 * swell(size_px, 3, rng, 1.8), 0.08, 1)
+    ground = _gritty(size_px, rng, tile_m, (0.50, 0.44, 0.36), height_m=0.005, cover=0.6)
+    bed = Bed(ground.height)
+    worn, few = cast_rocks("pebble"), cast_rocks("rounded")
+    flat = Laying(flatness=0.8, buried=(0.2, 0.5))
+    pour(bed, tile_m, few, law, 0.25, (0.012, 0.1), flat, rng, coarse)
+    pour(bed, tile_m, worn, law, 0.9, (0.007, 0.09), flat, rng, coarse)
+    pour(bed, tile_m, worn, law, 0.12, (0.005, 0.03), LOOSE, rng)
+    return stone_maps(ground, bed, tile_m, RIVER_STONES, rng, roughness=0.72)
 
 
 def regolith(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Grey powder, beaten by small impacts, with clods and angular fragments, as on the Moon."""
-    lumps = fields.tile_noise(size_px, 4, rng, 1.9)
-    crumbs = fields.tile_noise(size_px, 40, rng, 1.5)
-    height = 0.0022 * lumps + 0.00035 * crumbs + 0.00015 * fields.grains(size_px, rng, 0.8)
-    height += _small_craters(size_px, rng, 700, (0.004, 0.045))
-    color = dusty(size_px, rng, (0.40, 0.39, 0.375), 0.05, hue=0.004)
-    color *= (1 + 0.025 * lumps + 0.03 * crumbs)[..., None]
-    bed = StoneBed(height.astype(np.float32))
-    patchy = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.08, 1)
-    bed.add_stones(StoneSpec(20000, (0.0013, 0.004), 2.4, buried=0.2), rng, patchy)
-    bed.add_stones(StoneSpec(1700, (0.004, 0.022), 2.2, edge=0.04, buried=0.3), rng, patchy)
-    return stone_bed_maps(color, bed, LUNAR_STONES, rng, roughness=0.95)
+    tile_m = REGOLITH_M
+    lumps = swell(size_px, 4, rng, 1.9)
+    crumbs = at_half(size_px, lambda px: fields.tile_noise(px, 40, rng, 1.5))
+    height = 0.0022 * lumps + 0.0004 * crumbs
+    height += at_half(size_px, lambda px: _small_craters(px, rng, 700, (0.004, 0.05)))
+    clods = Bed(height)
+    # Impacts weld powder to clods of its own colour.
+    pour(clods, tile_m, cast_rocks("boulder"), PowerLaw(2.3), 0.2, (0.003, 0.05), SUNK, rng)
+    shade = 1 + 0.025 * lumps + 0.03 * crumbs + 0.04 * (clods.ids % 5 - 2) * (clods.ids >= 0)
+    ground = Ground(fields.blur(clods.height, 0.8), shade, (0.40, 0.39, 0.375))
+    bed = Bed(ground.height)
+    patchy = np.clip(0.4 + 0.4 * swell(size_px, 3, rng), 0.08, 1)
+    pour(bed, tile_m, cast_rocks("angular"), PowerLaw(2.1), 0.08, (0.004, 0.09), SUNK, rng, patchy)
+    return stone_maps(ground, bed, tile_m, LUNAR_STONES, rng, roughness=0.95)
 
 
 def _small_craters(
@@ -194,29 +236,41 @@ def _small_craters(
 
 def soil(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Dry, crusted earth: crumbs, hairline cracks, small stones."""
-    clods = fields.tile_noise(size_px, 6, rng, 1.8)
-    crumbs = fields.tile_noise(size_px, 45, rng, 1.4)
-    crust = np.clip(fields.tile_noise(size_px, 3, rng) * 0.8 + 0.2, 0, 1)
-    split = fields.cracks(size_px, 14, rng, width=0.05) * crust
-    height = 0.0014 * clods + 0.0004 * crumbs * (1 - 0.7 * crust) - 0.0025 * split
-    color = dusty(size_px, rng, (0.53, 0.43, 0.33), 0.05)
-    color *= (1 + 0.015 * clods + 0.04 * crumbs + 0.06 * crust - 0.3 * split)[..., None]
-    bed = StoneBed(height.astype(np.float32))
-    stony = np.clip(0.35 + 0.4 * fields.tile_noise(size_px, 4, rng), 0.05, 1)
-    bed.add_stones(StoneSpec(16000, (0.0015, 0.004), 2.2, buried=0.15), rng, stony)
-    bed.add_stones(StoneSpec(2600, (0.004, 0.02), 2.0, edge=0.07, buried=0.2), rng, stony)
-    return stone_bed_maps(color, bed, GRAVEL_STONES, rng, roughness=0.9)
+    tile_m = SOIL_M
+    rolling = swell(size_px, 6, rng, 1.8)
+    crust = np.clip(swell(size_px, 3, rng) * 0.8 + 0.2, 0, 1)
+    split = at_half(size_px, lambda px: fields.cracks(px, 14, rng, width=0.05)) * crust
+    height = 0.0014 * rolling - 0.0025 * split
+    crumbs = Bed(height)
+    loose = np.clip(1 - 0.8 * crust, 0.1, 1)
+    law = RosinRammler(0.012, 0.9)
+    pour(crumbs, tile_m, cast_rocks("boulder"), law, 0.7, (0.005, 0.05), SUNK, rng, loose)
+    shade = 1 + 0.015 * rolling + 0.06 * crust - 0.3 * split
+    shade += 0.05 * (crumbs.ids % 5 - 2) * (crumbs.ids >= 0)
+    ground = Ground(fields.blur(crumbs.height, 0.7), shade, (0.53, 0.43, 0.33))
+    bed = Bed(ground.height)
+    stony = np.clip(0.35 + 0.4 * swell(size_px, 4, rng), 0.05, 1)
+    few = RosinRammler(0.02, 0.8)
+    pour(bed, tile_m, cast_rocks("angular"), few, 0.1, (0.004, 0.08), SUNK, rng, stony)
+    return stone_maps(ground, bed, tile_m, GRAVEL_STONES, rng, roughness=0.9)
+
+
+def _stony(
+    make: Callable[[int, np.random.Generator], TextureMaps],
+    tile_m: float,
+    albedo: tuple[float, float],
+    exposure: float,
+) -> Recipe:
+    return Recipe(make, tile_m, albedo, exposure=exposure, has_stones=True, size_px=BAKED_PX)
 
 
 RECIPES: dict[str, Recipe] = {
-    "gravel": Recipe(gravel, tile_m=3.2, albedo=(0.1, 0.25), exposure=0.6, has_stones=True),
-    "sand": Recipe(sand, tile_m=3.6, albedo=(0.2, 0.35), exposure=-0.8, has_stones=True),
+    "gravel": _stony(gravel, GRAVEL_M, (0.1, 0.25), 0.6),
+    "sand": _stony(sand, SAND_M, (0.2, 0.35), -0.8),
     "rippled_sand": Recipe(rippled_sand, tile_m=3.2, albedo=(0.28, 0.4), exposure=-0.8),
-    "red_sand": Recipe(red_sand, tile_m=3.6, albedo=(0.12, 0.25), exposure=-0.8, has_stones=True),
-    "gravel_dark": Recipe(
-        gravel_dark, tile_m=3.2, albedo=(0.03, 0.1), exposure=0.6, has_stones=True
-    ),
-    "pebbles": Recipe(pebbles, tile_m=2.2, albedo=(0.1, 0.25), exposure=0.2, has_stones=True),
-    "regolith": Recipe(regolith, tile_m=3.4, albedo=(0.08, 0.15), exposure=-0.5, has_stones=True),
-    "soil": Recipe(soil, tile_m=3.0, albedo=(0.08, 0.2), exposure=0.2, has_stones=True),
+    "red_sand": _stony(red_sand, SAND_M, (0.12, 0.25), -0.8),
+    "gravel_dark": _stony(gravel_dark, GRAVEL_M, (0.03, 0.1), 0.6),
+    "pebbles": _stony(pebbles, PEBBLES_M, (0.1, 0.25), 0.2),
+    "regolith": _stony(regolith, REGOLITH_M, (0.08, 0.15), -0.5),
+    "soil": _stony(soil, SOIL_M, (0.08, 0.2), 0.2),
 }

@@ -43,7 +43,9 @@ class AssetsModule(Module):
     name = "assets"
     metadata_part = PART
 
-    def __init__(self, config: AssetsConfig, texture_size_px: int, texture_seed: int) -> None:
+    def __init__(
+        self, config: AssetsConfig, texture_size_px: int | None, texture_seed: int
+    ) -> None:
         self._config = config
         self._plan = InstanceIdPlan(config)
         self._library = PrototypeLibrary(

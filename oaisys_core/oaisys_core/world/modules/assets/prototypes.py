@@ -48,7 +48,7 @@ class PrototypeLibrary:
         size_px, seed: Size and seed of built-in texture sets.
     """
 
-    def __init__(self, rock_texture: str, tile_m: float, size_px: int, seed: int) -> None:
+    def __init__(self, rock_texture: str, tile_m: float, size_px: int | None, seed: int) -> None:
         self._rock_texture, self._tile_m = rock_texture, tile_m
         self._size_px, self._seed = size_px, seed
         self._maps: dict[tuple[str, float], PbrMaps] = {}

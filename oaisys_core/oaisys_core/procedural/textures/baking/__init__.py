@@ -1,0 +1,1 @@
+"""Texture sets baked from geometry: meshes are cast from above and laid over a tile."""
