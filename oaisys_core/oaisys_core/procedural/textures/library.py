@@ -15,7 +15,7 @@ from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import code_version
 from oaisys_core.procedural.textures.fields import normals_from_height
-from oaisys_core.procedural.textures.recipes import earth, frozen, loose, organic, rocks
+from oaisys_core.procedural.textures.recipes import earth, frozen, litter, loose, organic, rocks
 from oaisys_core.procedural.textures.recipes.finish import Recipe, TextureMaps
 from oaisys_core.scene import PbrMaps
 
@@ -24,6 +24,7 @@ RECIPES: dict[str, Recipe] = {
     **rocks.RECIPES,
     **earth.RECIPES,
     **organic.RECIPES,
+    **litter.RECIPES,
     **frozen.RECIPES,
 }
 

@@ -26,6 +26,9 @@ CLASS_RATIO = 1.3
 TRIES = 6
 """Places that are tried for a thing before it is left out."""
 
+INSIDE = OUTSIDE / 2
+"""Height of a stamp above which a texel is its own; outlines are mixed with what is outside."""
+
 PROBES = np.array([(0.0, 0.0), *[(np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3]])
 PROBED, MOST_COVERED = 0.65, 2
 """Points where a thing looks for others: its middle and six around it, at this share of its radius.
@@ -201,7 +204,7 @@ class Bed:
         window = self._window(int(row), int(column), half)
         dome = _turned(image, placed, half)
         dome[dome > 0] *= laying.flatness
-        inside = dome > 0
+        inside = dome > INSIDE
         if not inside.any():
             return
         ground = self.height[window]
@@ -256,7 +259,7 @@ class Bed:
         is_in = (x >= 0) & (x < edge) & (y >= 0) & (y < edge)
         flat = (placed.shape[:, None, None] * edge + y.clip(0, edge - 1)) * edge
         dome = np.where(is_in, images.ravel()[flat + x.clip(0, edge - 1)], OUTSIDE)
-        inside = dome > 0
+        inside = dome > INSIDE
         rows = (corner[:, :1] + offset) % size_px
         columns = (corner[:, 1:] + offset) % size_px
         texels = rows[:, :, None] * size_px + columns[:, None, :]

@@ -39,15 +39,6 @@ MOSS: tuple[Color, ...] = (
     (0.118, 0.130, 0.034),
     (0.100, 0.105, 0.030),
 )
-LEAVES: tuple[Color, ...] = (
-    (0.25, 0.13, 0.055),
-    (0.18, 0.095, 0.05),
-    (0.31, 0.185, 0.08),
-    (0.21, 0.15, 0.095),
-    (0.13, 0.08, 0.05),
-    (0.34, 0.235, 0.12),
-    (0.27, 0.20, 0.13),
-)
 EARTH: Color = (0.105, 0.078, 0.054)
 
 
@@ -222,56 +213,6 @@ def _shoots(size_px: int, rng: np.random.Generator, number: int, cover: Field) -
     return Ribbons(root, heading, length, width, bend, low, rise, strokes.blade, strokes.arc)
 
 
-def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """A forest's floor in autumn: fallen leaves in layers, twigs, needles, crumbs of earth."""
-    ribbon_layer = RibbonLayer(size_px, 0.06 * size_px)
-    lumps = fields.tile_noise(size_px, 3, rng, 2.0)
-    ribbon_layer.lay(_scatter(size_px, rng, 7000, (0.008, 0.03), (0.0012, 0.004), low=(0, 0.008)))
-    needles = ribbon_layer.count
-    for layer in range(3):
-        ribbon_layer.lay(
-            _scatter(
-                size_px,
-                rng,
-                1500,
-                (0.02, 0.055),
-                (0.012, 0.030),
-                bend=0.3,
-                low=(0.006 * layer, 0.006 * layer + 0.01),
-                rise=(-0.002, 0.010),
-                outline=strokes.leaf,
-                arch=strokes.arc,
-                curl=float(rng.uniform(-0.12, 0.2)),
-            )
-        )
-    leaves = ribbon_layer.count
-    ribbon_layer.lay(
-        _scatter(size_px, rng, 260, (0.03, 0.16), (0.0016, 0.0042), low=(0.012, 0.03), bend=0.12)
-    )
-    ids, along, across = ribbon_layer.ids, ribbon_layer.along, ribbon_layer.across
-    tone = _tones(LEAVES, ribbon_layer.count, rng, 0.2)
-    tone[:needles] *= 0.7
-    tone[leaves:] = (0.13, 0.105, 0.085)
-    color = tone.astype(np.float32)[ids]
-    is_leaf = (ids >= needles) & (ids < leaves)
-    rib = np.exp(-((across / 0.07) ** 2)) + 0.35 * smoothstep(
-        0.75, 1.0, np.cos(2 * np.pi * (9 * along - 2.5 * np.abs(across)))
-    )
-    color *= (1 + is_leaf * 0.16 * rib)[..., None]
-    # Where it is damp, leaves have rotted further: darker, and less colourful.
-    damp = smoothstep(-1.2, 1.8, fields.tile_noise(size_px, 3, rng, 1.7) - 0.5 * lumps)
-    color = blend(color, (0.085, 0.062, 0.045), 0.5 * damp)
-    spots = fields.tile_noise(size_px, 30, rng, 1.6)
-    color *= (1 - 0.10 * spots - 0.25 * smoothstep(1.2, 2.0, spots))[..., None]
-    earth = tint(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
-    color = np.where((ids >= 0)[..., None], color, earth)
-    height = ribbon_layer.height_px / size_px + 0.004 * lumps
-    color *= (0.50 + 0.50 * smoothstep(-0.010, 0.004, _over(height, 0.012)))[..., None]
-    relief = 0.5 * fields.blur(height, 0.8)
-    rough = np.where(is_leaf, 0.75, 0.9).astype(np.float32)
-    return finish_maps(color, relief, rough, albedo=0.13, shade=0.35)
-
-
 def _over(height: Field, width: float) -> Field:
     """Return the (N, N) height of pixels above their surroundings, in tile edges."""
     return height - fields.blur(height, width * len(height))
@@ -325,5 +266,4 @@ RECIPES: dict[str, Recipe] = {
     "grass": Recipe(grass, tile_m=1.8, albedo=(0.12, 0.25), exposure=-0.4),
     "turf": Recipe(turf, tile_m=1.6, albedo=(0.10, 0.25), exposure=-0.3),
     "moss": Recipe(moss, tile_m=1.4, albedo=(0.05, 0.15), exposure=-0.4),
-    "leaf_litter": Recipe(leaf_litter, tile_m=1.6, albedo=(0.08, 0.2), exposure=-0.7),
 }
