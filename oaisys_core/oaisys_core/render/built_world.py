@@ -34,7 +34,7 @@ from oaisys_core.types import (
     ignore_progress,
 )
 from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
-from oaisys_core.world.height_grids import Extent, height_grid
+from oaisys_core.world.height_grids import Extent, GridPlan, height_grid
 from oaisys_core.world.module import World, require
 from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.world.modules import SensorsModule, StageModule
@@ -188,8 +188,21 @@ class BuiltWorld:
             InvalidInputError: It would have no cells, or too many.
             NotReadyError: Before the first batch.
         """
-        extent_m = extent_m or require(self._current().world.ground).extent_m
-        return height_grid(resolution_m, extent_m, self._stage_height, progress)
+        return height_grid(self.grid_plan(resolution_m, extent_m), self.stage_heights, progress)
+
+    def grid_plan(self, resolution_m: float, extent_m: Extent | None = None) -> GridPlan:
+        """Return where the cells of `height_grid` are.
+
+        Raises:
+            InvalidInputError: It would have no cells, or too many.
+            NotReadyError: Before the first batch.
+        """
+        stage_m = require(self._current().world.ground).extent_m
+        return GridPlan.of(resolution_m, extent_m or stage_m)
+
+    def stage_heights(self, points_m: FloatArray) -> HeightQuery:
+        """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
+        return self.query_height(points_m, on_stage=True)
 
     def state(self) -> dict[str, Any]:
         """Return all that another process needs to continue from here, as JSON-able data."""
@@ -289,9 +302,6 @@ class BuiltWorld:
         if changed.differs_from(world.scene()):
             self._backend.update(world.scene())
 
-    def _stage_height(self, points_m: FloatArray) -> HeightQuery:
-        return self.query_height(points_m, on_stage=True)
-
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
         """Return the metadata with the admitted pose and without the pose policy."""
         sensor = dict(metadata.sensor or {})
@@ -299,7 +309,7 @@ class BuiltWorld:
         if "pose" not in sensor and self._sensors.moves_itself:
             return metadata if policy is None else replace(metadata, sensor=sensor)
         pose = sensor.get("pose") or require(self._sensors.rig_pose)
-        sensor["pose"] = self._sensors.admit(pose, batch.world, self._stage_height, policy)
+        sensor["pose"] = self._sensors.admit(pose, batch.world, self.stage_heights, policy)
         return replace(metadata, sensor=sensor)
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
@@ -310,7 +320,7 @@ class BuiltWorld:
         if after.differs_from(before):
             self._backend.update(after)
         if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:
-            self._sensors.move(batch.world, batch.seeds.seed, self._stage_height)
+            self._sensors.move(batch.world, batch.seeds.seed, self.stage_heights)
         batch.world.refine()
         at_pose = batch.world.scene()
         if at_pose.differs_from(after):

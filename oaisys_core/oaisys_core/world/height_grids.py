@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from math import ceil, isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress, ProgressCallback
@@ -13,11 +15,14 @@ from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress, Pro
 MAX_CELLS = 4096 * 4096
 """Largest number of cells of a grid: 128 MiB of heights."""
 
-BLOCK_CELLS = 1 << 18
-"""Number of cells that are looked up at once."""
+BLOCK_CELLS = 1 << 17
+"""Cells that are looked up at once; clients of a server wait for so many of another one."""
 
 Extent = tuple[float, float, float, float]
 """(min_x, min_y, max_x, max_y) in ``map``, metres."""
+
+Heights = NDArray[np.float32]
+HeightLookup = Callable[[FloatArray], HeightQuery]
 
 
 def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
@@ -41,40 +46,67 @@ def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
     return max(1, ceil(rows - 1e-6)), max(1, ceil(columns - 1e-6))
 
 
-def height_grid(
-    resolution_m: float,
-    extent_m: Extent,
-    query: Callable[[FloatArray], HeightQuery],
-    progress: ProgressCallback,
-) -> HeightGrid:
-    """Return the heights at the centres of the cells of an extent.
+@dataclass(frozen=True)
+class GridPlan:
+    """Where the cells of a grid are; they count row by row from the south-west.
+
+    Attributes:
+        origin_xy_m: Centre of cell 0, in ``map``.
+        spacing_m: Edge of a cell.
+    """
+
+    rows: int
+    columns: int
+    origin_xy_m: tuple[float, float]
+    spacing_m: float
+
+    @classmethod
+    def of(cls, resolution_m: float, extent_m: Extent) -> GridPlan:
+        """Return the plan of the cells that cover an extent.
+
+        Raises:
+            InvalidInputError: See `grid_shape`.
+        """
+        rows, columns = grid_shape(resolution_m, extent_m)
+        origin_m = (extent_m[0] + resolution_m / 2, extent_m[1] + resolution_m / 2)
+        return cls(rows, columns, origin_m, resolution_m)
+
+    @property
+    def cells(self) -> int:
+        """Their number."""
+        return self.rows * self.columns
+
+    def block(self, first: int) -> range:
+        """Return the cells that are looked up together, from a cell on."""
+        return range(first, min(first + BLOCK_CELLS, self.cells))
+
+    def heights_m(self, block: range, query: HeightLookup) -> tuple[Heights, Heights]:
+        """Return the (N,) heights of ground and topmost surface at the centres of cells."""
+        row, column = np.divmod(np.arange(block.start, block.stop), self.columns)
+        points_m = np.zeros((len(block), 3))
+        points_m[:, 0] = self.origin_xy_m[0] + self.spacing_m * column
+        points_m[:, 1] = self.origin_xy_m[1] + self.spacing_m * row
+        found = query(points_m)
+        ground_m, surface_m = found.ground_height_m, found.surface_height_m
+        return ground_m.astype(np.float32), surface_m.astype(np.float32)
+
+
+def height_grid(plan: GridPlan, query: HeightLookup, progress: ProgressCallback) -> HeightGrid:
+    """Return the heights at the centres of all cells.
 
     Args:
-        resolution_m: Edge of a cell.
-        extent_m: The first cell starts at its (min_x, min_y); the last cells may reach beyond it.
+        plan: Where they are.
         query: Returns the heights under (N, 3) points.
         progress: Receives the progress; may raise `CancelledError`.
-
-    Raises:
-        InvalidInputError: See `grid_shape`.
     """
-    rows, columns = grid_shape(resolution_m, extent_m)
-    origin_m = (extent_m[0] + resolution_m / 2, extent_m[1] + resolution_m / 2)
-    ground_m = np.empty((rows, columns), np.float32)
-    surface_m = np.empty((rows, columns), np.float32)
-    x_m = origin_m[0] + resolution_m * np.arange(columns)
-    for first, last in _blocks(rows, columns):
-        y_m = origin_m[1] + resolution_m * np.arange(first, last)
-        points = np.zeros((last - first, columns, 3))
-        points[..., 0], points[..., 1] = x_m, y_m[:, None]
-        found = query(points.reshape(-1, 3))
-        ground_m[first:last] = found.ground_height_m.reshape(-1, columns)
-        surface_m[first:last] = found.surface_height_m.reshape(-1, columns)
-        progress(Progress("heights", last / rows))
-    return HeightGrid(ground_m, surface_m, origin_m, resolution_m)
-
-
-def _blocks(rows: int, columns: int) -> Iterator[tuple[int, int]]:
-    step = max(1, BLOCK_CELLS // columns)
-    for first in range(0, rows, step):
-        yield first, min(first + step, rows)
+    ground_m = np.empty(plan.cells, np.float32)
+    surface_m = np.empty(plan.cells, np.float32)
+    for first in range(0, plan.cells, BLOCK_CELLS):
+        block = plan.block(first)
+        cells = slice(block.start, block.stop)
+        ground_m[cells], surface_m[cells] = plan.heights_m(block, query)
+        progress(Progress("heights", block.stop / plan.cells))
+    shape = (plan.rows, plan.columns)
+    return HeightGrid(
+        ground_m.reshape(shape), surface_m.reshape(shape), plan.origin_xy_m, plan.spacing_m
+    )

@@ -21,6 +21,7 @@ from oaisys_core.errors import (
     WorkerStartingError,
 )
 from oaisys_core.types import ModuleMetadata, Pose
+from oaisys_grpc.contract.connection_names import new_client_entry
 from oaisys_grpc.contract.errors import REASON_KEY, error_from_rpc
 from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto
 from oaisys_grpc.contract.transfer import Transfer, transfer_to_proto
@@ -54,6 +55,7 @@ class Channel:
             InvalidInputError: A certificate or key cannot be used.
         """
         self.address = address
+        self._metadata = (new_client_entry(),)
         if tls is None:
             self._channel = grpc.insecure_channel(address, options=_OPTIONS)
         else:
@@ -64,7 +66,7 @@ class Channel:
     def call(self, name: str, request: Any, timeout_s: float) -> Any:
         """Call a method that answers with one message, and return that."""
         with translate_errors():
-            return getattr(self._stub, name)(request, timeout=timeout_s)
+            return getattr(self._stub, name)(request, timeout=timeout_s, metadata=self._metadata)
 
     @contextlib.contextmanager
     def stream(self, name: str, request: Any, timeout_s: float | None) -> Iterator[Any]:
@@ -74,7 +76,8 @@ class Channel:
         timeout, it may take as long as it takes.
         """
         with translate_errors():
-            call = getattr(self._stub, name)(request, timeout=timeout_s)
+            method = getattr(self._stub, name)
+            call = method(request, timeout=timeout_s, metadata=self._metadata)
             try:
                 yield call
             finally:
@@ -106,7 +109,9 @@ class Channel:
         nobody = f"no simulator serves at {self.address}"
         try:
             with translate_errors():
-                answer, call = self._health.Check.with_call(request, timeout=timeout_s)
+                answer, call = self._health.Check.with_call(
+                    request, timeout=timeout_s, metadata=self._metadata
+                )
         except OaisysError as error:
             raise NotReadyError(f"{nobody}: {error}") from error
         if answer.status != health_pb2.HealthCheckResponse.SERVING:

@@ -81,11 +81,16 @@ def encode(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, Ra
 
 def raw_header(array: AnyArray) -> pb.ArrayHeader:
     """Return the header of an array whose bytes stay as they are."""
+    return raw_header_of(array.dtype, array.shape)
+
+
+def raw_header_of(dtype: np.dtype[Any], shape: tuple[int, ...]) -> pb.ArrayHeader:
+    """Return the header of an array of some type and shape whose bytes stay as they are."""
     return pb.ArrayHeader(
-        data_type=_DATA_TYPES[array.dtype],
-        shape=array.shape,
+        data_type=_DATA_TYPES[dtype],
+        shape=shape,
         encoding=pb.ENCODING_RAW,
-        byte_size=array.nbytes,
+        byte_size=math.prod(shape) * dtype.itemsize,
     )
 
 
@@ -175,11 +180,19 @@ class ArrayAssembly:
 
 
 def array_chunks(
-    data: NDArray[np.uint8], index: int, size: int = CHUNK_BYTES
+    data: NDArray[np.uint8], index: int, size: int = CHUNK_BYTES, *, begin: int = 0
 ) -> Iterator[pb.Chunk]:
-    """Yield an encoded array's bytes in pieces; inverse: `ArrayAssembly`."""
-    for offset in range(0, data.size, size):
-        yield pb.Chunk(index=index, offset=offset, data=data[offset : offset + size].tobytes())
+    """Yield an encoded array's bytes in pieces; inverse: `ArrayAssembly`.
+
+    Args:
+        data: The bytes, or some of them.
+        index: The array's number in its message.
+        size: Bytes of a piece.
+        begin: Bytes of the array before the first one here.
+    """
+    for first in range(0, data.size, size):
+        piece = data[first : first + size].tobytes()
+        yield pb.Chunk(index=index, offset=begin + first, data=piece)
 
 
 def _to_png(array: AnyArray) -> bytes | None:

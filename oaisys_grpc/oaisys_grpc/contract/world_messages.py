@@ -99,23 +99,26 @@ def mesh_from_parts(
 _HEIGHT_ARRAYS = ("ground_height_m", "surface_height_m")
 
 
-def height_grid_to_message(
-    grid: HeightGrid,
-) -> tuple[pb.GetHeightFieldResponse, list[NDArray[np.uint8]]]:
-    """Return a height grid's header, and the bytes of its arrays in the order of their indices.
+def height_field_header(
+    shape: tuple[int, int], origin_xy_m: tuple[float, float], spacing_m: float
+) -> pb.HeightFieldHeader:
+    """Return the header of a height grid; the arrays follow as `array_chunks`.
 
-    Inverse, once the arrays are sent as `array_chunks`: `heights_from_parts`.
+    Inverse: `heights_from_parts`.
+
+    Args:
+        shape: Rows and columns.
+        origin_xy_m: Centre of cell [0, 0].
+        spacing_m: Edge of a cell.
     """
-    encoded = [arrays.encode(array, ()) for array in (grid.ground_m, grid.surface_m)]
-    x_m, y_m = grid.origin_xy_m
-    header = pb.HeightFieldHeader(
-        ground_height_m=encoded[0][0],
-        surface_height_m=encoded[1][0],
-        origin_x_m=x_m,
-        origin_y_m=y_m,
-        spacing_m=grid.spacing_m,
+    array = arrays.raw_header_of(np.dtype("<f4"), shape)
+    return pb.HeightFieldHeader(
+        ground_height_m=array,
+        surface_height_m=array,
+        origin_x_m=origin_xy_m[0],
+        origin_y_m=origin_xy_m[1],
+        spacing_m=spacing_m,
     )
-    return pb.GetHeightFieldResponse(header=header), [data for _, data in encoded]
 
 
 def heights_from_parts(

@@ -1,7 +1,8 @@
 """What a call is to gRPC's Python server: its event, which can be ended even within a message.
 
 Private part: ``_rpc_event`` of a ``grpc.ServicerContext``; the argument with ``call_details`` that
-    the server hands to its threads; and ``peer`` and ``cancel`` of an event's ``call``.
+    the server hands to its threads; ``peer`` and ``cancel`` of an event's ``call``; its
+    ``invocation_metadata``.
 Tried with: grpcio 1.85.1.
 Public way without it: ``ServicerContext.cancel`` ends a call once gRPC has begun to serve it.
 Lost without it: the code RESOURCE_EXHAUSTED with its reason; the turns of connections, as all calls
@@ -16,9 +17,10 @@ from typing import Any
 import grpc
 
 from oaisys_core.system.fallbacks import report_fallback
+from oaisys_grpc.contract.connection_names import connection_name
 
-OF_CONTEXT, IN_ARGUMENT = "_rpc_event", "call_details"
-"""Attribute of a context that is its event, and one that events have."""
+OF_CONTEXT, IN_ARGUMENT, OF_METADATA = "_rpc_event", "call_details", "invocation_metadata"
+"""Attribute of a context that is its event, one that events have, and that of their metadata."""
 
 _INSTEAD = "clients are told less of why a call ended, and connections take no turns"
 
@@ -36,8 +38,9 @@ def peer_of(event: Any) -> str:
     """Return the name of a call's connection; "" if it is unknown: all calls are one's then."""
     if event is None:
         return ""
-    name = event.call.peer()
-    return name.decode(errors="replace") if isinstance(name, bytes) else str(name)
+    peer = event.call.peer()
+    name = peer.decode(errors="replace") if isinstance(peer, bytes) else str(peer)
+    return connection_name(name, getattr(event, OF_METADATA, None))
 
 
 def event_of_context(context: Any) -> Any:

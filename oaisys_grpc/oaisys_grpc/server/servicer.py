@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import grpc
 from google.protobuf.message import Message
@@ -15,6 +14,7 @@ from google.protobuf.message import Message
 from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
 from oaisys_grpc.contract.arrays import array_chunks
+from oaisys_grpc.contract.connection_names import name_of
 from oaisys_grpc.contract.drive_messages import poses_from_proto
 from oaisys_grpc.contract.errors import REASON_KEY, printable
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
@@ -32,6 +32,7 @@ from oaisys_grpc.contract.transfer import (
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.drives import DriveJobs, DriveWork, TrajectoryStore
+from oaisys_grpc.server.jobs.height_fields import height_field
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.jobs.requests import (
@@ -188,13 +189,17 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self, request: pb.GetGroundTruthMeshRequest, context: Context
     ) -> Iterator[pb.GetGroundTruthMeshResponse]:
         """Ask the worker for the mesh and send it."""
-        return self._in_chunks(pb.GetGroundTruthMeshResponse, "ground_truth_mesh", request, context)
+        answer = self._ask_worker("ground_truth_mesh", request, context)
+        yield pb.GetGroundTruthMeshResponse.FromString(answer.content)
+        for index, data in enumerate(answer.arrays):
+            for chunk in array_chunks(data, index):
+                yield pb.GetGroundTruthMeshResponse(chunk=chunk)
 
     def GetHeightField(
         self, request: pb.GetHeightFieldRequest, context: Context
     ) -> Iterator[pb.GetHeightFieldResponse]:
-        """Ask the worker for the heights and send them."""
-        return self._in_chunks(pb.GetHeightFieldResponse, "height_grid", request, context)
+        """Ask the worker for the heights of some cells at a time, and send them."""
+        return height_field(request, lambda cells: self._ask_worker("height_cells", cells, context))
 
     def QueryHeight(
         self, request: pb.QueryHeightRequest, context: Context
@@ -266,7 +271,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def _ask_worker(self, method: str, request: Message, context: Context) -> WorkerMessage:
         """Enqueue a question, wait, and return the worker's answer."""
         content = request.SerializeToString()
-        job = Job(None, method, content, remaining_s(context), peer=context.peer())
+        job = Job(None, method, content, remaining_s(context), peer=name_of(context))
         operation = self._operations.submit(job)
         with operation.follow():
             for _ in operation.changes(_gone(context)):
@@ -276,16 +281,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             raise status.error
         assert operation.reply is not None
         return operation.reply
-
-    def _in_chunks(
-        self, response: Any, method: str, request: Message, context: Context
-    ) -> Iterator[Any]:
-        """Ask the worker for arrays; yield messages with their header and then their chunks."""
-        answer = self._ask_worker(method, request, context)
-        yield response.FromString(answer.content)
-        for index, data in enumerate(answer.arrays):
-            for chunk in array_chunks(data, index):
-                yield response(chunk=chunk)
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
         return status_to_proto(self._operations.with_times(operation, status or operation.status))

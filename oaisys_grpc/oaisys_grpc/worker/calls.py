@@ -42,8 +42,6 @@ from oaisys_grpc.contract.shared_memory import (
     share_if_possible,
 )
 from oaisys_grpc.contract.world_messages import (
-    extent_from_proto,
-    height_grid_to_message,
     heights_to_proto,
     mesh_to_message,
     page_to_proto,
@@ -52,6 +50,7 @@ from oaisys_grpc.contract.world_messages import (
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.worker import fault_injection
 from oaisys_grpc.worker.drive_calls import DriveCalls
+from oaisys_grpc.worker.height_cells import SurfaceNames, height_cells
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 MAX_SEGMENTS = 400
@@ -110,6 +109,7 @@ class SimulationCalls:
         self.simulation: Simulation | None = None
         self.roots: AssetRoots | None = None
         self._drives: DriveCalls | None = None
+        self._surfaces = SurfaceNames()
         self._segments: WeakSet[Segment] = WeakSet()
         self._methods: dict[str, Callable[[WorkerMessage, CallContext], Reply]] = {
             "start": self._start,
@@ -122,7 +122,7 @@ class SimulationCalls:
             "withdraw_sample": self._withdraw_sample,
             "ground_truth_mesh": self._ground_truth_mesh,
             "list_objects": self._list_objects,
-            "height_grid": self._height_grid,
+            "height_cells": self._height_cells,
             "query_height": self._query_height,
         }
 
@@ -153,6 +153,7 @@ class SimulationCalls:
         simulation = self._ready()
         request = pb.StepBatchRequest.FromString(call.content)
         _inject_faults("batch", context)
+        self._surfaces.forget()
         simulation.step_batch(
             _metadata(request),
             seed=request.seed if request.HasField("seed") else None,
@@ -210,12 +211,10 @@ class SimulationCalls:
         page = self._ready().list_objects(query_from_proto(request), _metadata(request))
         return Reply(page_to_proto(page).SerializeToString())
 
-    def _height_grid(self, call: WorkerMessage, context: CallContext) -> Reply:
-        request = pb.GetHeightFieldRequest.FromString(call.content)
-        extent_m = extent_from_proto(request.extent) if request.HasField("extent") else None
-        grid = self._ready().height_grid(request.resolution_m, extent_m, context.progress)
-        message, arrays = height_grid_to_message(grid)
-        return Reply(message.SerializeToString(), arrays)
+    def _height_cells(self, call: WorkerMessage, _context: CallContext) -> Reply:
+        request = pb.HeightCellsRequest.FromString(call.content)
+        message, heights_m = height_cells(request, self._ready(), self._surfaces)
+        return Reply(message.SerializeToString(), heights_m)
 
     def _query_height(self, call: WorkerMessage, _context: CallContext) -> Reply:
         request = pb.QueryHeightRequest.FromString(call.content)

@@ -75,9 +75,10 @@ class GroundServices:
         in_map_m = self._in_map_m(request)
         found = self._render_queue.require_link().query_height(in_map_m)
         response.header = self._header()
-        response.ground_height = found.ground_height_m
-        response.surface_height = found.surface_height_m
-        response.clearance = found.clearance_m
+        # rclpy takes seconds to check a million numbers of another kind of array.
+        response.ground_height = array_of("d", found.ground_height_m)
+        response.surface_height = array_of("d", found.surface_height_m)
+        response.clearance = array_of("d", found.clearance_m)
 
     def _get_mesh(
         self, request: GetGroundTruthMesh.Request, response: GetGroundTruthMesh.Response

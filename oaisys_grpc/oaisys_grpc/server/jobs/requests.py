@@ -9,6 +9,7 @@ import grpc
 from google.protobuf.message import Message
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_grpc.contract.connection_names import name_of
 from oaisys_grpc.contract.metadata import metadata_from_proto
 from oaisys_grpc.contract.operation import Kind
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -33,7 +34,7 @@ def drive_job(step: pb.DriveStep, timeout_s: float, context: Context) -> Job:
         timeout_s=timeout_s,
         estimate_key=("drive", hash(tuple(step.due))),
         request_bytes=len(content),
-        peer=context.peer(),
+        peer=name_of(context),
     )
 
 
@@ -84,7 +85,7 @@ def step_job(
         body=_body(request),
         estimate_key=estimate_key,
         request_bytes=request.ByteSize(),
-        peer=context.peer(),
+        peer=name_of(context),
     )
 
 

@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager
 from enum import Enum
 from typing import Any
 
+from oaisys_grpc.contract.connection_names import name_of
 from oaisys_grpc.memory import IdleMemory
 from oaisys_grpc.private.rpc_event import cancel, event_of_context
 from oaisys_grpc.server.limits.ended_calls import EndedCalls
@@ -50,7 +51,7 @@ class OpenCall:
     """One call; only its own thread calls `enter`."""
 
     def __init__(self, context: Any, name: str, calls: OpenCalls) -> None:
-        self.peer: str = context.peer()
+        self.peer: str = name_of(context)
         self._calls = calls
         self.name = name
         self.phase = Phase.REQUEST

@@ -20,6 +20,9 @@ from oaisys_grpc.server.limits.open_calls import (
     when_over,
 )
 
+UNNAMED = ("unix:", "")
+"""Names that any number of connections share."""
+
 SLOT_PATIENCE_S = 15.0
 """For a slot among the calls of a method."""
 
@@ -173,7 +176,7 @@ class Slots:
 
     def _own(self, call: OpenCall) -> list[OpenCall]:
         """Return the calls of the same connection."""
-        if call.peer.startswith("unix"):  # all clients of a socket have this name
+        if call.peer in UNNAMED:
             return []
         return [other for other in self._calls if other.peer == call.peer]
 

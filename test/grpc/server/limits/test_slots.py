@@ -23,6 +23,9 @@ class Context:
     def peer(self) -> str:
         return self._peer
 
+    def invocation_metadata(self) -> tuple[()]:
+        return ()
+
     def cancel(self) -> None:
         """Nothing is under way."""
 
