@@ -15,6 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry.poses import ROTATION_TOLERANCE
 from oaisys_core.output.record_types import Label, Sha256
+from oaisys_dataset.parquet_pages import check_pages
 
 MAX_BYTES = 1 << 30
 """Largest table of one world that is read, unpacked; a row has some 800 bytes."""
@@ -50,6 +51,7 @@ def read_rows(file: bytes, name: str, schema: pa.Schema) -> pa.Table:
         expected = f"the columns {', '.join(schema.names)}"
         raise InvalidInputError(name, ", ".join(opened.schema_arrow.names), expected)
     _check_size(opened.metadata, len(file), name)
+    check_pages(file, opened.metadata, name)
     packed = pq.ParquetFile(pa.BufferReader(file), read_dictionary=texts)
     batches, size = [], 0
     for batch in packed.iter_batches(BATCH_ROWS):
@@ -70,7 +72,12 @@ def _check_size(metadata: Any, length: int, name: str) -> None:
     numbers = sum(
         group.column(index).num_values for group in groups for index in range(group.num_columns)
     )
-    size = max(sum(group.total_byte_size for group in groups), length, 8 * numbers)
+    announced = [
+        group.column(index).total_uncompressed_size
+        for group in groups
+        for index in range(group.num_columns)
+    ]
+    size = max(sum(announced), sum(group.total_byte_size for group in groups), length, 8 * numbers)
     if size > MAX_BYTES:
         raise _too_large(name, size)
 

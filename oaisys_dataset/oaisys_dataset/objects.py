@@ -145,6 +145,27 @@ def decode_objects(file: bytes, name: str) -> pa.Table:
     return table
 
 
+def check_legend(table: pa.Table, legend: WorldLegend, name: str) -> None:
+    """Raise at the first object of a table that a world's legend does not know by this name.
+
+    Raises:
+        InvalidInputError: Says which object, and what the legend says.
+    """
+    found = table.select(["instance_id", "name", "label"]).group_by(
+        ["instance_id", "name", "label"]
+    )
+    for row in found.aggregate([]).to_pylist():
+        known = legend.instances.get(row["instance_id"])
+        if known is None:
+            expected = "ids that the legend of the world names"
+            raise InvalidInputError(f"{name}: instance_id", row["instance_id"], expected)
+        if (row["name"], row["label"]) != (known.name, known.label):
+            field = f"{name}: object {row['instance_id']}"
+            received = f"{row['name']!r}, {row['label']!r}"
+            expected = f"{known.name!r}, {known.label!r}, as the legend of the world says"
+            raise InvalidInputError(field, received, expected)
+
+
 def is_intact(table: pa.Table) -> bool:
     """Return whether a table that was read has the hash of its rows."""
     recorded = (table.schema.metadata or {}).get(HASH_KEY, b"").decode("ascii", "replace")

@@ -19,7 +19,7 @@ from typing import Any
 
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
 from oaisys_core.system.leftovers import temporary_folder
-from oaisys_core.system.own_stderr import keep_messages
+from oaisys_core.system.own_streams import keep_messages
 from oaisys_core.system.python_programs import python_environment
 from oaisys_core.system.socket_paths import socket_parent
 from oaisys_dataset import session_guard

@@ -217,17 +217,19 @@ class Dataset(Sequence[DatasetSample]):
         Raises:
             NotFoundError: The world has none: no camera has ``instance``, or it was rendered by an
                 earlier version.
-            InvalidInputError: It cannot be read.
+            InvalidInputError: It cannot be read, or has objects that the world's legend has not.
             ConfigError: pyarrow is not installed.
         """
         try:
-            from oaisys_dataset.objects import decode_objects
+            from oaisys_dataset.objects import check_legend, decode_objects
         except ImportError as error:
             text = "`oaisys_dataset[objects]` has what tables of objects need"
             raise ConfigError(f"{error}; {text}") from error
         if self._held_objects is None or self._held_objects[0] != world:
             name = objects_name(world)
-            self._held_objects = (world, decode_objects(self.place.read(name), name))
+            table = decode_objects(self.place.read(name), name)
+            check_legend(table, self.legend(world), name)
+            self._held_objects = (world, table)
         return self._held_objects[1]
 
     def objects(self, record: FrameRecord) -> list[ObjectRow]:

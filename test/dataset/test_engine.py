@@ -161,6 +161,7 @@ def test_the_death_of_ray_s_daemon_is_said_in_a_sentence(
     assert "--resume renders the" in ended.errors
     noise = re.compile(r"^\[\d{4}-|Traceback|core_worker|raylet_client|\.cc:", re.MULTILINE)
     assert not noise.search(ended.errors), ended.errors
+    assert not noise.search(ended.output), ended.output
     resumed = run(undisturbed.config, out, *MORE, "--resume")
     assert resumed.returncode == 0, resumed.stderr
     assert contents(out) == contents(undisturbed.folder)

@@ -64,11 +64,13 @@ class KilledRun(NamedTuple):
         is_killed: Whether it was; False if the command had ended before.
         exit_code: Its exit code.
         errors: Its standard error.
+        output: Its standard output.
     """
 
     is_killed: bool
     exit_code: int
     errors: str
+    output: str
 
 
 def run_with_kill(
@@ -83,7 +85,7 @@ def run_with_kill(
         when: Returns whether the moment has come.
     """
     is_killed = False
-    driver = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    driver = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     time.sleep(after_s)
     deadline_s = time.monotonic() + TIMEOUT_S
     while driver.poll() is None and time.monotonic() < deadline_s:
@@ -93,8 +95,8 @@ def run_with_kill(
             is_killed = True
             break
         time.sleep(0.05)
-    _, errors = driver.communicate(timeout=TIMEOUT_S)
-    return KilledRun(is_killed, driver.returncode, errors)
+    output, errors = driver.communicate(timeout=TIMEOUT_S)
+    return KilledRun(is_killed, driver.returncode, errors, output)
 
 
 def _processes(driver: int, kind: str) -> list[int]:

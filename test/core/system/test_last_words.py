@@ -11,7 +11,7 @@ from waiting import START_PATIENCE_S
 
 PROGRAM = """
 import logging, os, sys, tempfile
-from oaisys_core.system.own_stderr import keep_messages
+from oaisys_core.system.own_streams import keep_messages
 from oaisys_core.system.signals import work_in_child
 
 tempfile.tempdir, how = sys.argv[1:]
@@ -19,6 +19,8 @@ logging.basicConfig(format="%(message)s")
 work_in_child("try")
 with keep_messages("library_", "gone, see {log}"):
     os.write(2, b"noise of a library\\n")
+    os.write(1, b"more of it\\n")
+    print("result")
     print("shown", file=sys.stderr)
     logging.warning("logged")
     if how == "exit":
@@ -28,6 +30,7 @@ with keep_messages("library_", "gone, see {log}"):
 print("after", file=sys.stderr)
 logging.warning("logged after")
 os.write(2, b"own again\\n")
+print("result after")
 """
 
 ENDS = {
@@ -48,5 +51,6 @@ def test_what_is_said_and_what_is_left(how: str, tmp_path: Path) -> None:
     assert len(logs) == is_kept
     log = logs[0] if logs else None
     assert (ended.returncode, ended.stderr) == (code, said.format(log=log))
+    assert ended.stdout == "result\n" + ("result after\n" if how == "return" else "")
     if log is not None:
-        assert log.read_text(encoding="utf-8") == "noise of a library\n"
+        assert log.read_text(encoding="utf-8") == "noise of a library\nmore of it\n"

@@ -1,4 +1,4 @@
-"""Keeps what C libraries write to standard error out of what a command says there."""
+"""Keeps what C libraries write to a command's standard streams out of what it says there."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from typing import TextIO
 from oaisys_core.system.last_words import say_if_ended
 from oaisys_core.system.leftovers import remove_when_killed
 
-STDERR = 2
-"""Number of the file descriptor."""
+STREAMS = {"stdout": 1, "stderr": 2}
+"""The file descriptor of each of Python's streams."""
 
 
 @contextmanager
 def keep_messages(prefix: str, sentence: str) -> Iterator[None]:
-    """Keep what libraries write to standard error in a temporary file.
+    """Keep what libraries write to standard output and error in a temporary file.
 
     The file is removed at the end, but for one case: a library ends this process within the block.
     Then the process that waits for this one says so, see `say_if_ended`.
@@ -32,7 +32,7 @@ def keep_messages(prefix: str, sentence: str) -> Iterator[None]:
     """
     log = Path(tempfile.gettempdir(), f"{prefix}{secrets.token_hex(4)}.log")
     said = sentence.format(log=log)
-    with remove_when_killed(log), own_stderr(log), say_if_ended(said, log):
+    with remove_when_killed(log), own_streams(log), say_if_ended(said, log):
         try:
             yield
         finally:
@@ -40,8 +40,8 @@ def keep_messages(prefix: str, sentence: str) -> Iterator[None]:
 
 
 @contextmanager
-def own_stderr(log: Path) -> Iterator[None]:
-    """Reserve standard error for Python; what libraries write there goes to a file.
+def own_streams(log: Path) -> Iterator[None]:
+    """Reserve standard output and error for Python; what libraries write there goes to a file.
 
     Programs that are started within the block write to the file, too.
 
@@ -51,15 +51,25 @@ def own_stderr(log: Path) -> Iterator[None]:
     Raises:
         OSError: It cannot be opened.
     """
-    sys.stderr.flush()
     target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
-    kept, python = os.dup(2), sys.stderr
-    os.dup2(target, 2)
-    os.close(target)
+    try:
+        with _own_stream("stdout", target), _own_stream("stderr", target):
+            yield
+    finally:
+        os.close(target)
+
+
+@contextmanager
+def _own_stream(name: str, target: int) -> Iterator[None]:
+    """Reserve a stream for Python; its descriptor leads to another file meanwhile."""
+    number, python = STREAMS[name], getattr(sys, name)
+    python.flush()
+    kept = os.dup(number)
+    os.dup2(target, number)
     own = open(kept, "w", encoding="utf-8", errors="backslashreplace", buffering=1, closefd=False)  # noqa: SIM115
-    if _is_stderr(python):  # not what a test has put there
-        sys.stderr = own
-    handlers = _handlers_of_stderr()
+    if _leads_to(python, number):  # not what a test has put there
+        setattr(sys, name, own)
+    handlers = _handlers_of(number)
     for handler in handlers:
         handler.setStream(own)
     try:
@@ -67,23 +77,25 @@ def own_stderr(log: Path) -> Iterator[None]:
     finally:
         for handler, stream in handlers.items():
             handler.setStream(stream)
-        sys.stderr = python
-        own.flush()
-        os.dup2(kept, 2)
-        os.close(kept)
+        setattr(sys, name, python)
+        try:
+            own.flush()
+        finally:
+            os.dup2(kept, number)
+            os.close(kept)
 
 
-def _handlers_of_stderr() -> dict[logging.StreamHandler[TextIO], TextIO]:
-    """Return the root logger's handlers that write to standard error, and their streams."""
+def _handlers_of(number: int) -> dict[logging.StreamHandler[TextIO], TextIO]:
+    """Return the root logger's handlers that write to a descriptor, and their streams."""
     return {
         handler: handler.stream
         for handler in logging.getLogger().handlers
-        if isinstance(handler, logging.StreamHandler) and _is_stderr(handler.stream)
+        if isinstance(handler, logging.StreamHandler) and _leads_to(handler.stream, number)
     }
 
 
-def _is_stderr(stream: TextIO) -> bool:
+def _leads_to(stream: TextIO, number: int) -> bool:
     try:
-        return stream.fileno() == STDERR
+        return stream.fileno() == number
     except (AttributeError, OSError, ValueError):
         return False
