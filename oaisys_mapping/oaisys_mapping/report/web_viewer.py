@@ -24,6 +24,7 @@ from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
+from oaisys_mapping.report.bad_messages import BadMessages
 from oaisys_mapping.report.mesh_viewer import decimate
 from oaisys_mapping.report.page_guard import PageGuard
 
@@ -84,6 +85,7 @@ class WebViewer:
             OaisysError: The page would be without its guard.
         """
         self._guard = PageGuard(host)
+        self._bad_messages = BadMessages()
         self._server = self._start_server(host, port)
         self._max_range_m = max_range_m
         self.labels: Mapping[int, str] = {}
@@ -122,11 +124,13 @@ class WebViewer:
 
     def __enter__(self) -> Self:
         """Return the viewer."""
+        self._bad_messages.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Stop serving."""
         self._guard.tell(at_once=True)
+        self._bad_messages.stop()
         with redirect_stdout(StringIO()):
             self._server.stop()
 

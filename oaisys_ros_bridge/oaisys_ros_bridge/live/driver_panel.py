@@ -7,9 +7,12 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, Literal
 
+import numpy as np
 import viser
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata
+from oaisys_ros_bridge.live.browser_values import number_of, text_of
 from oaisys_ros_bridge.live.desk import Action, Desk, Request
 
 Window = Literal["picture", "map"]
@@ -31,6 +34,7 @@ class DriverPanel:
         client: The driver's browser.
         desk: Takes the requests.
         on_window: Called when the driver has chosen what the window shows.
+        on_refusal: Called with what is wrong with a field.
         bag_fault: Why no bag can be recorded; empty: one can.
     """
 
@@ -39,11 +43,12 @@ class DriverPanel:
         client: viser.ClientHandle,
         desk: Desk,
         on_window: Callable[[], None],
+        on_refusal: Callable[[str], None],
         bag_fault: str,
     ) -> None:
         self._gui = client.gui
         self._desk = desk
-        self._bag_fault = bag_fault
+        self._on_refusal, self._bag_fault = on_refusal, bag_fault
         self._folders: list[Any] = []
         with self._folder("Drive", -40):
             self._add_motion(on_window)
@@ -62,7 +67,9 @@ class DriverPanel:
     @property
     def speed_ratio(self) -> float:
         """How far the camera goes for each metre that the browser's goes."""
-        return float(self._speed.value) / BROWSER_SPEED_M_S
+        low, high = self._speed.min, self._speed.max
+        speed_m_s = float(self._speed.value)
+        return float(np.clip(speed_m_s, low, high) if speed_m_s > 0 else low) / BROWSER_SPEED_M_S
 
     def remove(self) -> None:
         """Take the panel off the page."""
@@ -91,10 +98,10 @@ class DriverPanel:
 
         def choose(_event: Any) -> None:
             is_rover = vehicle.value == DRIVE
-            self._post("choose_vehicle", is_rover=is_rover, camera_height_m=float(height.value))
+            self._post("choose_vehicle", is_rover=is_rover, camera_height_m=number_of(height))
 
-        vehicle.on_update(choose)
-        height.on_update(choose)
+        vehicle.on_update(self._checked(choose))
+        height.on_update(self._checked(choose))
         gui.add_markdown(
             "Click the picture, then **W A S D** to move, **E Q** up and down, arrow keys or "
             "dragging to turn."
@@ -107,9 +114,9 @@ class DriverPanel:
         button = gui.add_button("New world")
 
         def build(_event: Any) -> None:
-            self._post("new_world", seed=int(number.value), preset=preset.value.strip())
+            self._post("new_world", seed=int(number_of(number)), preset=text_of(preset))
 
-        button.on_click(build)
+        button.on_click(self._checked(build))
 
     def _add_light(self) -> None:
         gui = self._gui
@@ -123,20 +130,24 @@ class DriverPanel:
         is_automatic = gui.add_checkbox("automatic exposure", initial_value=True)
 
         def move_sun(_event: Any) -> None:
-            angles = {"sun_elevation_deg": elevation.value, "sun_azimuth_deg": azimuth.value}
-            self._change_environment(sun_from_time=None, **angles)
+            self._change_environment(
+                sun_from_time=None,
+                sun_elevation_deg=number_of(elevation),
+                sun_azimuth_deg=number_of(azimuth),
+            )
 
         def set_time(_event: Any) -> None:
-            place = {"latitude_deg": latitude.value, "longitude_deg": longitude.value}
-            given = {"date_time": time.value.strip(), **place}
+            place = {"latitude_deg": number_of(latitude), "longitude_deg": number_of(longitude)}
+            given = {"date_time": text_of(time), **place}
             self._change_environment(sun_from_time=given)
 
         def set_haze(_event: Any) -> None:
-            air = None if haze.value >= haze.max else {"visibility_m": 1000.0 * haze.value}
+            visibility_km = number_of(haze)
+            air = None if visibility_km >= haze.max else {"visibility_m": 1000.0 * visibility_km}
             self._change_environment(haze=air)
 
         def expose(_event: Any) -> None:
-            stops = None if is_automatic.value else exposure.value
+            stops = None if is_automatic.value else number_of(exposure)
             self._desk.post_change(ModuleMetadata(render={"exposure_ev": stops}))
 
         for field, react in (
@@ -146,8 +157,8 @@ class DriverPanel:
             (exposure, expose),
             (is_automatic, expose),
         ):
-            field.on_update(react)
-        gui.add_button("Sun by time and place").on_click(set_time)
+            field.on_update(self._checked(react))
+        gui.add_button("Sun by time and place").on_click(self._checked(set_time))
 
     def _add_outputs(self) -> None:
         gui = self._gui
@@ -163,6 +174,17 @@ class DriverPanel:
         self._stop = gui.add_button("End the bag", disabled=True)
         self._record.on_click(partial(self._press, "start_bag"))
         self._stop.on_click(partial(self._press, "stop_bag"))
+
+    def _checked(self, react: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a reaction to a field that tells the driver where the field cannot be used."""
+
+        def checked(event: Any) -> None:
+            try:
+                react(event)
+            except InvalidInputError as error:
+                self._on_refusal(str(error))
+
+        return checked
 
     def _press(self, action: Action, _event: Any) -> None:
         self._post(action)

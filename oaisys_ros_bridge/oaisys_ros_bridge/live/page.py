@@ -9,13 +9,13 @@ from typing import Any
 import cv2
 import numpy as np
 import viser
-import viser.transforms
 from numpy.typing import NDArray
 
 from oaisys_core.files.markdown import escape_markdown
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.report.pictures import label_color
 from oaisys_mapping.report.web_viewer import PosedImages, WebViewer, side_pictures
+from oaisys_ros_bridge.live.browser_values import aspect_of, pose_of
 from oaisys_ros_bridge.live.desk import BrowserView, Desk, Request
 from oaisys_ros_bridge.live.driver_panel import DriverPanel
 
@@ -94,6 +94,9 @@ class LivePage:
                 color="red" if is_error else "green",
             )
 
+    def _refuse(self, reason: str) -> None:
+        self.note("Refused", reason, is_error=True)
+
     def show_labels(self, labels: Mapping[int, str]) -> None:
         """Show the names of classes in their colours."""
         self._viewer.labels = labels
@@ -158,7 +161,9 @@ class LivePage:
 
     def _make_driver(self, client: viser.ClientHandle) -> None:
         self._driver = client
-        self._panel = DriverPanel(client, self._desk, self._change_window, self._bag_fault)
+        self._panel = DriverPanel(
+            client, self._desk, self._change_window, self._refuse, self._bag_fault
+        )
         self._panel.show_recording(is_on=self._is_recording)
         self._change_window()
 
@@ -215,13 +220,15 @@ class LivePage:
             is_driver = self._driver is not None and self._driver.client_id == client.client_id
             if not is_driver or not self._shows_picture() or self._pose is None:
                 return
-            pivot_m = np.array(camera.look_at, np.float64)
+            pose = pose_of(camera)
+            if pose is None:
+                return
+            pivot_m = pose.look_at_m
             before_m = self._pivot_m
             if before_m is None or self._is_of_old_place(pivot_m, before_m):
                 return
             step_m, self._pivot_m = pivot_m - before_m, pivot_m
-            rotation = viser.transforms.SO3(np.array(camera.wxyz)).as_matrix()
-            self._desk.post_view(BrowserView(step_m, np.asarray(rotation, np.float64)))
+            self._desk.post_view(BrowserView(step_m, pose.R_map_camera))
 
     def _is_of_old_place(self, pivot_m: FloatArray, sent_to_m: FloatArray) -> bool:
         """Return whether a view is from before the browser was sent to a place, or only says so."""
@@ -237,9 +244,9 @@ class LivePage:
     def _send_to_pose(self, client: viser.ClientHandle) -> None:
         assert self._pose is not None
         pivot_m, forward = self._pose[:3, 3].copy(), self._pose[:3, 2]
-        from_m = np.array(client.camera.look_at, np.float64)
-        is_there = np.linalg.norm(from_m - pivot_m) <= ECHO_TOLERANCE_M
-        self._sent_from_m = None if is_there else from_m
+        at = pose_of(client.camera)
+        is_there = at is None or np.linalg.norm(at.look_at_m - pivot_m) <= ECHO_TOLERANCE_M
+        self._sent_from_m = None if at is None or is_there else at.look_at_m
         self._pivot_m = pivot_m
         with client.atomic():
             client.camera.position = pivot_m - PIVOT_M * forward
@@ -248,7 +255,7 @@ class LivePage:
     def _draw_background(self, client: viser.ClientHandle) -> None:
         if self._picture is None or self._camera is None:
             return
-        canvas = letterbox(self._picture, client.camera.aspect)
+        canvas = letterbox(self._picture, aspect_of(client.camera))
         client.scene.set_background_image(canvas, "jpeg", jpeg_quality=JPEG_QUALITY)
 
 

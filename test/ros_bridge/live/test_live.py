@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -16,9 +17,12 @@ import pytest
 import yaml
 from browser import Page, browser_page
 from PIL import Image
+from raw_browser import RawBrowser
 from served_simulator import FLAT_WORLD
 from waiting import START_PATIENCE_S, wait_until
+from websockets.exceptions import ConnectionClosed
 
+NAN = float("nan")
 HOSTILE = "<img src=x onerror=document.title='owned'>"
 COMMAND = [sys.executable, "-P", "-m", "oaisys_core", "live", "--port", "0"]
 LABEL = {"label": HOSTILE, "semantic_id": 7}
@@ -93,6 +97,69 @@ def test_a_person_flies_makes_a_world_and_keeps_a_picture(tmp_path):
         assert hosts == {urlsplit(url).netloc}
         process.send_signal(signal.SIGINT)
         assert process.wait(START_PATIENCE_S) == 0
+
+
+def hostile_cameras() -> Iterator[dict[str, Any]]:
+    """Where no camera of a browser is; a window that is minimized has no height."""
+    yield {"image_height": 0}
+    yield {"image_width": 2**31, "image_height": 1}
+    yield {"wxyz": (NAN,) * 4}
+    yield {"wxyz": (0.0,) * 4}
+    yield {"look_at": (NAN,) * 3}
+    yield {"look_at": (1e308,) * 3}
+
+
+HOSTILE_VALUES: dict[str, tuple[Any, ...]] = {
+    "seed": (float("inf"), "x", 1e300, -5, "9" * 6000, None, {}),
+    "preset": (HOSTILE, "../../../etc/passwd", "x" * 1_000_000, None, "plane\0"),
+    "camera height, m": (NAN, 1e300),
+    "vehicle": ("nonsense", "drive the rover"),
+    "speed, m/s": (NAN, 1e308),
+    "latitude, deg": (1e300,),
+    "exposure, stops": (NAN,),
+    "window shows": ("nonsense", "picture"),
+}
+"""What no browser would enter, by the field's label."""
+
+
+@pytest.mark.long
+def test_what_no_browser_says_does_not_end_the_page(tmp_path):
+    config = tmp_path / "world.yaml"
+    config.write_text(yaml.safe_dump(WORLD))
+    with (
+        live_page(tmp_path, "--config", str(config)) as (process, url),
+        RawBrowser(url) as driver,
+    ):
+        driver.look()
+        driver.shows("draft in", START_PATIENCE_S)
+        for number, changes in enumerate(hostile_cameras()):
+            driver.look(look_at=(0.1 + number, 0.0, 3.0))
+            driver.look(**changes)
+        for label, values in HOSTILE_VALUES.items():
+            for value in values:
+                driver.set_value(label, value, START_PATIENCE_S)
+                for button in ("New world", "Sun by time and place", "Keep the pose for a survey"):
+                    driver.set_value(button, True, START_PATIENCE_S)
+        for data in (b"", b"\xff" * 100, "text", b"\x91" * 100_000, b"\0" * 60_000_000):
+            with RawBrowser(url) as other, suppress(ConnectionClosed):
+                other.look(look_at="here", wxyz=[1], image_width="wide")
+                other.send_bytes(data)
+                other.read_until(lambda: False, START_PATIENCE_S)
+        with ExitStack() as stack:
+            crowd = [stack.enter_context(RawBrowser(url)) for _ in range(60)]
+            for browser in crowd:
+                browser.look()
+            driver.texts.clear()
+            driver.set_value("seed", 7, START_PATIENCE_S)
+            driver.set_value("preset", "plane", START_PATIENCE_S)
+            driver.set_value("New world", True, START_PATIENCE_S)
+            driver.shows("seed 7: draft in", START_PATIENCE_S)
+        assert process.poll() is None
+    assert process.returncode == 0
+    errors = (tmp_path / "live.err").read_text(encoding="utf-8")
+    assert "Traceback" not in errors, errors
+    assert "messages to the page that cannot be used" in errors
+    assert len(errors.splitlines()) < 10, errors
 
 
 def test_a_running_server_cannot_be_configured(tmp_path):
