@@ -61,6 +61,7 @@ class Coverage(FlightEnv):
         Raises:
             InvalidInputError: The action is not two finite numbers.
         """
+        self.require_reset()
         path_m, yaw_rad = self._way(check_action(action, 2))
         length_m = path_length_m(path_m)
         before = self._coverage()

@@ -74,6 +74,7 @@ class DriveToGoal(TerrainEnv):
         Raises:
             InvalidInputError: The action is not two finite numbers.
         """
+        self.require_reset()
         speed, turn = check_action(action, 2)
         before_m = self._distance_m()
         arc = unicycle_arc(self._place, speed * SPEED_M_S, turn * TURN_RAD_S, STEP_S, SUBSTEPS)

@@ -31,6 +31,9 @@ VIEW_S = 1.0
 SURFACE_REWARD_PER_M2 = 0.05
 TIME_COST_PER_S = 0.02
 
+REAL_KINDS = "fiu"
+"""Of numpy's data types, those of an action."""
+
 START_SHARE = 0.6
 """Episodes start in this share of the stage's width and depth, around its middle."""
 
@@ -65,6 +68,7 @@ class FlightEnv(TerrainEnv):
     @property
     def situation(self) -> Situation:
         """What a planner of `oaisys_mapping.exploration` is given: map, vehicle, poses so far."""
+        self.require_reset()
         return self._situation
 
     def _begin(self, height_m: float = 3.0) -> None:
@@ -146,10 +150,11 @@ def check_action(action: object, size: int) -> FloatArray:
     Raises:
         InvalidInputError: It has another shape, or a number that is not finite.
     """
-    numbers = np.asarray(action, np.float64)
-    if numbers.shape != (size,) or not np.isfinite(numbers).all():
-        raise InvalidInputError("action", numbers.tolist(), f"{size} finite numbers from -1 to 1")
-    return np.clip(numbers, -1, 1)
+    given = np.asarray(action)
+    is_real = given.shape == (size,) and given.dtype.kind in REAL_KINDS
+    if not is_real or not np.isfinite(given).all():
+        raise InvalidInputError("action", given.tolist(), f"{size} finite numbers from -1 to 1")
+    return np.clip(given.astype(np.float64), -1, 1)
 
 
 def path_length_m(path_m: FloatArray) -> float:

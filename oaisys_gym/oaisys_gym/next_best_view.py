@@ -53,6 +53,7 @@ class NextBestView(FlightEnv):
         Raises:
             InvalidInputError: The action is not four finite numbers.
         """
+        self.require_reset()
         found = pose_and_path(check_action(action, 4), self.situation)
         if found is None:
             cost = REFUSED_COST + TIME_COST_PER_S * VIEW_S

@@ -134,9 +134,14 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
     @property
     def pose(self) -> Pose:
         """Pose of the rig in ``map``."""
+        self.require_reset()
+        assert self._pose is not None
+        return self._pose
+
+    def require_reset(self) -> None:
+        """Raise `gymnasium.error.ResetNeeded` where no episode has begun."""
         if self._pose is None:
             raise gymnasium.error.ResetNeeded("call reset before anything else")
-        return self._pose
 
     @property
     def extent_m(self) -> FloatArray:

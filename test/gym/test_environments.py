@@ -117,6 +117,27 @@ def test_wrong_actions_and_options_are_refused(address: str) -> None:
     environment.close()
 
 
+@pytest.mark.parametrize("name", ["NextBestView", "Coverage", "DriveToGoal"])
+def test_what_is_no_action_is_refused_and_the_episode_goes_on(name: str, address: str) -> None:
+    environment = gymnasium.make(
+        f"oaisys/{name}-v0", address=address, world_seeds=(3,), disable_env_checker=True
+    ).unwrapped
+    size = environment.action_space.shape
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        environment.step(np.zeros(size, np.float32))
+    environment.reset(seed=1)
+    none: tuple[Any, ...] = (np.full(size, np.inf), "x", None, np.full(size, 1j), np.zeros(7), -1)
+    for action in none:
+        with pytest.raises(InvalidInputError, match="action: received"):
+            environment.step(action)
+    beyond, *_ = environment.step(np.full(size, 1e30))
+    assert environment.observation_space.contains(beyond)
+    environment.close()
+    environment.close()
+    with pytest.raises(OaisysError, match="closed"):
+        environment.reset()
+
+
 def test_a_forked_process_is_told_to_spawn(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
     monkeypatch.setattr(simulator, "_IMPORTED_IN", 1)
     with pytest.raises(OaisysError, match='context="spawn"'):
