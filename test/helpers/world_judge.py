@@ -47,6 +47,8 @@ MIN_PIXELS = 300
 MAX_BEND = 0.1
 """Relative second difference of the inverse depth from which a pixel counts as an edge."""
 FARTHEST_M = 1e5
+LEAST_CONTRAST = 0.02
+"""Of what is at the end of the visual range, by Koschmieder's definition of it."""
 LOWEST_SUN_DEG = 5.0
 """Elevation of the sun from which the sky lights every place."""
 WATER_ID = 300
@@ -206,6 +208,9 @@ class _View:
         to_sun = np.broadcast_to(np.array(sky.to_sun, np.float64), start.shape)
         seen = surface.cast(start, np.ascontiguousarray(to_sun), FARTHEST_M)
         lit[self.is_hit] = seen.targets[:, 0] == NO_TARGET
+        if sky.haze is not None:  # as bright as the sky, which is black here
+            clear = np.exp(-np.outer(range_m.ravel(), sky.haze.extinction_per_m))
+            lit &= (clear.max(axis=1) > LEAST_CONTRAST).reshape(lit.shape)
         # Borders of shadows, and where light grazes, are not judged.
         return cv2.erode(lit.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & (
             environment["sun_elevation_deg"] >= LOWEST_SUN_DEG
