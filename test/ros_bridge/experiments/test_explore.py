@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
-from oaisys_core.types import PinholeIntrinsics
+from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_mapping.certificate.view_files import read_views
 from oaisys_mapping.exploration.flight_box import flight_box
 from oaisys_mapping.exploration.occupancy_map import Bounds
@@ -158,6 +158,29 @@ def test_a_pose_that_is_not_known_to_be_free_ends_it():
     behind = level_pose(np.array([-8.0, 9, 0]), 0.0)
     with pytest.raises(OaisysError, match="no way is known"):
         explored(Listed(behind))
+
+
+class Faulty(Planner):
+    """Divides by zero."""
+
+    name = "faulty"
+
+    def next_pose(self, situation):
+        return situation.vehicle.radius_m / 0
+
+
+@pytest.mark.parametrize(
+    ("planner", "fault"),
+    [
+        (Faulty(), "the planner 'faulty' failed: ZeroDivisionError"),
+        (Listed(Pose((np.nan, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))), "'listed': pose.position"),
+        (Listed(Pose((-2.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))), "'listed': pose.orientation"),
+        (Listed("home"), "planner 'listed': received 'home', expected a Pose"),
+    ],
+)
+def test_a_planner_that_fails_or_asks_for_no_pose_is_named(planner, fault):
+    with pytest.raises(OaisysError, match=fault):
+        explored(planner)
 
 
 def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():

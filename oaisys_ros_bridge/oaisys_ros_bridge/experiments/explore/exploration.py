@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from oaisys_core.errors import OaisysError, RenderError
+from oaisys_core.errors import InvalidInputError, OaisysError, RenderError, quote
+from oaisys_core.geometry.poses import check_pose
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.occupancy_map import Bounds, OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
@@ -79,7 +80,7 @@ def explore(
 
     Raises:
         RenderError: The first pose was refused, or `MAX_REFUSALS` in a row.
-        OaisysError: The planner asked for a pose that it cannot reach.
+        OaisysError: The planner failed, or asked for what is no pose, or one that it cannot reach.
     """
     result, voxels = Exploration(), OccupancyMap(bounds, voxel_size_m)
     voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
@@ -115,9 +116,30 @@ def explore(
 
 def _time_plan(planner: Planner, situation: Situation, result: Exploration) -> Pose | None:
     started_s = time.perf_counter()
-    pose = planner.next_pose(situation)
+    pose = _ask(planner, situation)
     result.plan_s.append(time.perf_counter() - started_s)
     return pose
+
+
+def _ask(planner: Planner, situation: Situation) -> Pose | None:
+    """Return the pose that a planner, perhaps of another package, asks for.
+
+    Raises:
+        OaisysError: It failed, or what it asks for is no pose; names the planner.
+    """
+    try:
+        pose = planner.next_pose(situation)
+    except OaisysError:
+        raise
+    except Exception as error:
+        what = f"{type(error).__name__}: {quote(str(error))}"
+        raise OaisysError(f"the planner {planner.name!r} failed: {what}") from error
+    if pose is None:
+        return None
+    if not isinstance(pose, Pose):
+        raise InvalidInputError(f"planner {planner.name!r}", pose, "a Pose, or None at the end")
+    checked = check_pose(pose.position_m, pose.quat_xyzw, f"planner {planner.name!r}: pose")
+    return pose if checked == pose else checked
 
 
 def _integrate(voxels: OccupancyMap, frame: DepthFrame, vehicle: Vehicle) -> None:
