@@ -49,7 +49,7 @@ def end(process: subprocess.Popen[str], folder: Path, number: signal.Signals) ->
     assert not list((folder / "tmp").iterdir())
 
 
-@pytest.mark.parametrize("number", [INT, pytest.param(TERM, marks=pytest.mark.long)])
+@pytest.mark.parametrize("number", [INT, pytest.param(TERM, marks=pytest.mark.soak)])
 def test_a_drive_that_is_ended_has_a_finished_bag(tmp_path: Path, number: signal.Signals) -> None:
     data = yaml.safe_load(EXAMPLE.read_text())
     data["backend"] = "analytic"
@@ -74,7 +74,10 @@ def test_a_drive_that_is_ended_has_a_finished_bag(tmp_path: Path, number: signal
     assert not list((tmp_path / "out").rglob("*.part"))
 
 
-@pytest.mark.parametrize("number", [TERM, pytest.param(INT, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(TERM, marks=pytest.mark.long), pytest.param(INT, marks=pytest.mark.soak)],
+)
 def test_a_gallery_that_is_ended_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     options = ("--out", tmp_path / "out", "--only", "stage_", "--backend", "analytic")
     process = begun(tmp_path, "tools.gallery", *options)

@@ -20,7 +20,7 @@ from oaisys_core.world.module import Metadata, Module, World
 
 Json = dict[str, Any]
 BOUNDED = settings(
-    max_examples=8,
+    max_examples=4,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],

@@ -53,14 +53,28 @@ def with_value(data: dict[str, Any], at: tuple[Any, ...], value: Any) -> dict[st
     return changed
 
 
+def place_of(data: dict[str, Any], at: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What a value is: its key, kinds of what is around it, its type; items of a list are alike."""
+    kinds, inner = [], data
+    for key in at:
+        kinds.append(inner.get("kind") if isinstance(inner, dict) else None)
+        inner = inner[key]
+    keys = [key if isinstance(key, str) else 0 for key in at]
+    return (*keys, *map(str, kinds), type(inner))
+
+
 def cases() -> Iterator[tuple[dict[str, Any], Path]]:
-    """A wrong value in the place of each value of each example, and of each default."""
+    """A wrong value in the place of each value of the defaults and examples, once of each place."""
     default = load_config(FILES[0]).model_dump(mode="json")
+    seen: set[tuple[Any, ...]] = set()
     for data, file in [
         (default, FILES[0]),
         *((yaml.safe_load(file.read_text(encoding="utf-8")), file) for file in FILES),
     ]:
         for at in locations(data):
+            if (place := place_of(data, at)) in seen:
+                continue
+            seen.add(place)
             for wrong in WRONG:
                 yield with_value(data, at, wrong), file.parent
 

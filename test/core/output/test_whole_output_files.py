@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 
 import pytest
-from commands import oaisys
+from commands import oaisys_here
 
 from oaisys_core.errors import RenderError
 from oaisys_core.output.files import write_text
@@ -31,8 +31,9 @@ def test_a_command_says_that_its_output_is_no_file(tmp_path: Path) -> None:
     pipe = tmp_path / "heights.tif"
     os.mkfifo(pipe)
     config = tmp_path / "world.yaml"
-    config.write_text("backend: analytic\nstage: {extent_m: 10, resolution_px: 33}\n")
-    done = oaisys("heights", "--config", config, "--out", pipe)
+    stage = "{extent_m: 10, resolution_px: 33}"
+    config.write_text(f"backend: analytic\nstage: {stage}\nassets: {{rocks: []}}\n")
+    done = oaisys_here("heights", "--config", config, "--out", pipe)
     assert done.returncode == 1
     assert "no regular file" in done.stderr
     assert "Traceback" not in done.stderr

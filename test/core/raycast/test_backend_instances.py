@@ -143,6 +143,7 @@ def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
     assert np.isfinite(found[0][0]).mean() > 0.2
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_embrees_structures_are_given_back() -> None:
     """Twenty that are not take 100 MB."""

@@ -153,6 +153,7 @@ def test_a_signal_before_the_work_begins_is_an_exit_code(start: Callable[..., Co
             assert process.wait(PATIENCE_S) == 128 + number
 
 
+@pytest.mark.long
 def test_a_data_set_ends_at_a_signal_while_ray_starts_and_while_it_renders(
     start: Callable[..., Command], config: Path, tmp_path: Path
 ) -> None:

@@ -100,6 +100,7 @@ def test_a_depth_that_is_half_a_percent_long_is_found() -> None:
     assert found.worst_m == pytest.approx(0.005 * 10, rel=0.2)
 
 
+@pytest.mark.long
 def test_an_error_of_embree_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Distances of all rays that Open3D casts, by whom ever, are 1 % long."""
     casting = o3d.t.geometry.RaycastingScene

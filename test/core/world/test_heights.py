@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 import yaml
-from commands import oaisys
+from commands import oaisys_here
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError, InvalidInputError
@@ -158,7 +158,7 @@ def test_the_command_writes_a_file_or_says_why_not(tmp_path: Path) -> None:
     config = tmp_path / "world.yaml"
     config.write_text(yaml.safe_dump(world({"preset": "mounds"})))
     out = tmp_path / "heights.tif"
-    done = oaisys(
+    done = oaisys_here(
         "heights", "--config", config, "--resolution", 0.5, "--out", out, "--extent", "-4,-4,4,6"
     )
     assert done.returncode == 0, done.stderr
@@ -170,6 +170,6 @@ def test_the_command_writes_a_file_or_says_why_not(tmp_path: Path) -> None:
         ("--out", out, "--resolution", 0),
         ("--out", out, "--extent", "1,2,3"),
     ):
-        refused = oaisys("heights", "--config", config, *arguments)
+        refused = oaisys_here("heights", "--config", config, *arguments)
         assert refused.returncode == 2
         assert "Traceback" not in refused.stderr

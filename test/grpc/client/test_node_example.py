@@ -44,6 +44,7 @@ def run(example: Path, address: str, *options: str) -> subprocess.CompletedProce
     )
 
 
+@pytest.mark.long
 def test_node_receives_what_python_receives(example: Path, flat_server: Server) -> None:
     done = run(example, flat_server.address, "--seed", "7", "--position", "1,2,6")
     assert done.returncode == 0, done.stderr

@@ -265,6 +265,7 @@ def test_states_tell_the_truth(
     assert client.call("BatchCreationFinished").state == FINISHED
 
 
+@pytest.mark.long
 def test_overlapping_steps_are_refused_and_touch_nothing(
     start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:

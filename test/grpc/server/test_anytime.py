@@ -188,6 +188,7 @@ def test_a_crash_after_depth_takes_the_sample_back_and_its_id_goes_on(
     assert (after.sample_id, len(after.frames)) == (2, len(NAMES))
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_blender_gives_depth_before_colour(start_server: StartServer) -> None:
     server = start_server({**PAIR, "backend": "blender"})

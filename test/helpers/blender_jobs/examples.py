@@ -11,22 +11,22 @@ import bpy  # noqa: F401
 from oaisys_core.config import SimulationConfig, adjust, load_config
 from oaisys_core.simulation import Simulation
 
-MAX_GRID_PX = 257
-MAX_ROCKS = 30
-MAX_VARIANTS = 3
+MAX_GRID_PX = 129
+MAX_ROCKS = 15
+MAX_VARIANTS = 2
 
 
 def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
-    """Render the first samples of each configuration, its images 64 pixels long."""
+    """Render the first samples of each configuration, its images 48 pixels long."""
     return {Path(path).stem: _rendered(small(load_config(Path(path))), samples) for path in paths}
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
     """Return the configuration, small: ground, number of rocks, images and samples per pixel."""
-    data = adjust(config, size="64x48", quality="preview").model_dump()
+    data = adjust(config, size="48x36", quality="preview").model_dump()
     data["stage"]["resolution_px"] = min(config.stage.resolution_px, MAX_GRID_PX)
-    data["materials"]["texture_size_px"] = 128
-    data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)
+    data["materials"]["texture_size_px"] = 64
+    data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 128)
     for rocks in data["assets"]["rocks"]:
         rocks["count"] = [min(count, MAX_ROCKS) for count in rocks["count"]]
         rocks["variants"] = min(rocks["variants"], MAX_VARIANTS)

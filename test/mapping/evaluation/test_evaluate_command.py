@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import oaisys
+from commands import oaisys, oaisys_here
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
@@ -40,7 +40,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
 def test_figures_are_printed_as_json(files: tuple[Path, Path], tmp_path: Path) -> None:
     mesh, truth = files
     out = tmp_path / "figures.json"
-    result = oaisys(
+    result = oaisys_here(
         "evaluate", "--mesh", mesh, "--truth", truth, "--max-rmse", "0.05", "--json", out
     )
     assert result.returncode == 0, result.stderr
@@ -97,7 +97,7 @@ def test_without_a_terminal_a_line_is_printed_every_few_seconds(
 
 def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
     mesh, truth = files
-    result = oaisys("evaluate", "--mesh", mesh, "--truth", truth, "--max-rmse", "0.01")
+    result = oaisys_here("evaluate", "--mesh", mesh, "--truth", truth, "--max-rmse", "0.01")
     assert result.returncode == 1
     assert json.loads(result.stdout)["closed"] is False
 
@@ -106,7 +106,7 @@ def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
 def test_a_missing_file_is_exit_2(files: tuple[Path, Path], tmp_path: Path, name: str) -> None:
     arguments = {"--mesh": files[0], "--truth": files[1]}
     arguments[name] = tmp_path / "nowhere"
-    result = oaisys("evaluate", *(part for pair in arguments.items() for part in pair))
+    result = oaisys_here("evaluate", *(part for pair in arguments.items() for part in pair))
     assert result.returncode == 2
     assert "nowhere" in result.stderr
     assert "Traceback" not in result.stderr

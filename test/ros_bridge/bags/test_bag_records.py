@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from commands import oaisys
+from commands import oaisys, oaisys_here
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
@@ -110,7 +110,7 @@ def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) ->
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:
         recorded.configuration()
-    refused = oaisys("repeat", tmp_path / "bag")
+    refused = oaisys_here("repeat", tmp_path / "bag")
     assert refused.returncode == 2
     assert "a bag with one topic oaisys_bridge/sample_info, not 0" in refused.stderr
     needed = "--topic oaisys_bridge/sample_info --topic oaisys_bridge/configuration"
@@ -142,6 +142,6 @@ def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> N
         told = sample_info_msg(recorded.simulation.step_sample(), Header())
         told.faults_json = text
         recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
-    done = oaisys("repeat", tmp_path / "bag")
+    done = oaisys_here("repeat", tmp_path / "bag")
     assert done.returncode == 2
     assert "faults_json" in done.stderr

@@ -159,7 +159,13 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("number", [200_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(200_000, marks=pytest.mark.long),
+        pytest.param(1_000_000, marks=pytest.mark.soak),
+    ],
+)
 def test_a_giant_sweep_is_refused_and_its_memory_given_back(stage: Stage, number: int) -> None:
     server = stage.start_world(FLAT_WORLD)
     bridge = stage.start_bridge(server.address)

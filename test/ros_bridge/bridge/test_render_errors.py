@@ -121,6 +121,7 @@ def test_metadata_is_lent_again_only_as_long_as_it_may_be_blameless() -> None:
     assert not is_pending()
 
 
+@pytest.mark.long
 def test_a_first_batch_that_cannot_be_built_says_why_and_is_not_tried_all_the_time(
     stage: Stage,
 ) -> None:

@@ -240,6 +240,7 @@ def test_calls_at_once_are_all_answered_in_their_order(graph: User, count: int) 
     assert ids == list(range(ids[0], ids[0] + count))
 
 
+@pytest.mark.long
 def test_of_too_many_calls_the_last_are_refused_in_words(graph: User, server: Server) -> None:
     count, allowed = MAX_WAITING + 20, 1 + MAX_WAITING
     worker = server.worker()

@@ -126,6 +126,7 @@ def messages_of_samples(bag: Path) -> Mapping[str, int]:
     return {topic: len(stamps[topic] & announced.keys()) for topic in RECORDED}
 
 
+@pytest.mark.long
 def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
     stage: Stage, tmp_path: Path
 ) -> None:

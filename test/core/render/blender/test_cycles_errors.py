@@ -24,5 +24,6 @@ def test_ground_that_is_black_without_an_error_fails_the_render() -> None:
         assert (before, after) == ("", ""), kind
 
 
+@pytest.mark.long
 def test_a_texture_that_is_black_somewhere_is_rendered() -> None:
     assert in_new_blender("errors.black_texture") == ""

@@ -51,7 +51,13 @@ class Event:
         self.ended = details
 
 
-@pytest.mark.parametrize("connections", [1, pytest.param(CONNECTIONS, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "connections",
+    [
+        pytest.param(1, marks=pytest.mark.long),
+        pytest.param(CONNECTIONS, marks=pytest.mark.soak),
+    ],
+)
 def test_calls_without_a_request_keep_nobody_waiting_and_leave_nothing(
     start_server: Callable[..., Server], connections: int
 ) -> None:

@@ -356,6 +356,7 @@ def test_idle_watches_of_health_make_room(start_server: StartServer) -> None:
         assert_ends(server)
 
 
+@pytest.mark.long
 def test_requests_that_never_come_leave_room_for_others(start_server: StartServer) -> None:
     server = start_server(FLAT_WORLD)
     paths = [HEALTH + "Check", HEALTH + "Watch", OURS + "GetSimulatorInfo", REFLECTION]

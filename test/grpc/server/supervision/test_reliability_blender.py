@@ -93,6 +93,7 @@ def assert_alike(sample: Sample, control: Sample) -> None:
             np.testing.assert_array_equal(frame.data, other.data)
 
 
+@pytest.mark.long
 def test_a_render_that_is_cancelled_within_cycles_leaves_worker_and_world_as_they_were(
     start_server: Callable[..., Server],
 ) -> None:
