@@ -485,8 +485,16 @@ NEED_WORLDS = {"camera", "surface", "labels"}
 """Checks for which a world is made again, which takes a second; their damage is in world 0."""
 
 
+IN_SOAK = {
+    *(shorten_normals, flip_normals, turn_normals_into_map, invent_draws, mirror_axes),
+    relabel_object,
+}
+"""Damage of the same values as another one, found by the same check."""
+
+
 def _case(damage: Callable[[Path], None], expected: set[str]) -> Any:
     marks = [pytest.mark.long] if expected & NEED_WORLDS else []
+    marks = [pytest.mark.soak] if damage in IN_SOAK else marks
     return pytest.param(damage, expected, id=damage.__name__, marks=marks)
 
 

@@ -63,6 +63,7 @@ def tasks(address: str, gpus: float, count: int, pause_s: float = 1.0) -> list[t
     return list(found)
 
 
+@pytest.mark.long
 def test_each_worker_sees_a_gpu_of_its_own(address: str) -> None:
     found = tasks(address, 1.0, 5)
     assert {gpus for gpus, _ in found} == {"0", "1", "2", "3"}
@@ -70,16 +71,19 @@ def test_each_worker_sees_a_gpu_of_its_own(address: str) -> None:
     assert len({process for _, process in found}) == 5
 
 
+@pytest.mark.long
 def test_two_workers_share_a_gpu_and_one_gets_two(address: str) -> None:
     assert all(gpus in "0123" for gpus, _ in tasks(address, 0.5, 4, 0.1))
     assert all(len(gpus.split(",")) == 2 for gpus, _ in tasks(address, 2.0, 2, 0.1))
 
 
+@pytest.mark.long
 def test_without_the_option_workers_see_what_the_machine_has(address: str) -> None:
     ((gpus, _),) = tasks(address, 0.0, 1, 0.0)
     assert gpus == os.environ.get("CUDA_VISIBLE_DEVICES", "all")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("gpus", "workers"), [(0.0, 4), (1.0, 4), (2.0, 2), (0.5, 4), (4.0, 1)])
 def test_as_many_worlds_are_rendered_as_there_are_gpus(
     address: str, gpus: float, workers: int
@@ -88,6 +92,7 @@ def test_as_many_worlds_are_rendered_as_there_are_gpus(
         assert session.workers == workers
 
 
+@pytest.mark.long
 def test_more_gpus_than_a_machine_has_are_wrong_input(address: str) -> None:
     settings = RaySettings(address, memory_gb=0.1, gpus=5)
     with (

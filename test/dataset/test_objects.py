@@ -281,7 +281,9 @@ def test_a_world_without_objects_has_an_empty_table() -> None:
     assert decode_objects(file, "objects.parquet").num_rows == 0
 
 
-@pytest.mark.parametrize(("rows", "text"), [(20, "x" * 1_000_000), (1_500_000, "")])
+@pytest.mark.parametrize(
+    ("rows", "text"), [(20, "x" * 1_000_000), pytest.param(1_500_000, "", marks=pytest.mark.long)]
+)
 def test_a_small_table_that_unfolds_to_gigabytes_is_refused(rows: int, text: str) -> None:
     """A text that repeats, and rows that repeat, take a few bytes in a file."""
 

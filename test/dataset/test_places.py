@@ -201,6 +201,7 @@ def test_an_s3_server_holds_data_sets(bucket: str) -> None:
         open_dataset(f"{bucket}/nothing")
 
 
+@pytest.mark.long
 def test_a_data_set_on_an_s3_server_is_checked(bucket: str) -> None:
     render_dataset(f"{bucket}/set", {0: "train"}, views=2)
     report = check_dataset(f"{bucket}/set")

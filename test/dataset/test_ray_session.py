@@ -80,6 +80,7 @@ def test_daemons_that_start_too_slowly_are_started_again(
     assert never.has_ended
 
 
+@pytest.mark.long
 def test_workers_import_nothing_from_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

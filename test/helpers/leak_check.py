@@ -20,6 +20,8 @@ PATIENCE_S = 5.0
 
 _LOOK_PERIOD_S = 0.3
 _PAUSE_S = 0.05
+_CLOCKS_DIFFER_S = 5.0
+"""Bound of the difference between the kernel's clock and the system's."""
 _LISTENS = "0A"
 """State of a listening socket in the kernel's tables."""
 _SOCKET = re.compile(r"socket:\[(\d+)\]")
@@ -37,10 +39,12 @@ class LeakCheck:
         self._foreign: set[str] = set()
         self._sockets: set[int] = set()
         self._files: set[str] = set()
+        self._began_s = 0.0
         self._ended = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name="leak-check", daemon=True)
 
     def __enter__(self) -> Self:
+        self._began_s = time.time()
         self._watcher.start()
         return self
 
@@ -81,7 +85,7 @@ class LeakCheck:
     def _watch(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD_S):
             listened = listening().keys()
-            for process in marked_processes(self._mark):
+            for process in marked_processes(self._mark, self._began_s):
                 self._processes.add(process)
                 with contextlib.suppress(psutil.Error, OSError):
                     self._sockets |= _open_sockets(process) & listened
@@ -115,9 +119,26 @@ class LeakCheck:
         return len(domains) > 1
 
 
-def marked_processes(mark: str) -> list[psutil.Process]:
-    """Return the processes of the test with this mark, orphans included, but not this one."""
-    return [p for p in psutil.process_iter() if _mark_of(p) == mark and p.pid != os.getpid()]
+def marked_processes(mark: str, since_s: float = 0.0) -> list[psutil.Process]:
+    """Return the processes of the test with this mark, orphans included, but not this one.
+
+    Those that are older than ``since_s``, seconds since the epoch, are not asked.
+    """
+    return [
+        process
+        for process in psutil.process_iter()
+        if _age_allows(process, since_s)
+        and _mark_of(process) == mark
+        and process.pid != os.getpid()
+    ]
+
+
+def _age_allows(process: psutil.Process, since_s: float) -> bool:
+    """Tell whether a process may have begun after a time; what is asked for again is not read."""
+    try:
+        return bool(process.create_time() > since_s - _CLOCKS_DIFFER_S)
+    except psutil.Error:
+        return False
 
 
 def listening() -> dict[int, int]:

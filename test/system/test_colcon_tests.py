@@ -50,6 +50,7 @@ def test_a_package_runs_its_tests_as_the_repository_does(name: str) -> None:
     assert set(own["addopts"].split()) == set(whole["addopts"]) - {"--strict-config"}
 
 
+@pytest.mark.long
 def test_a_packages_tests_are_collected_in_its_folder() -> None:
     """The others' files say the same, as the test above shows."""
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider"]

@@ -137,6 +137,7 @@ def test_labels(
     assert 0 < seen <= total == 60
 
 
+@pytest.mark.long
 def test_training_gets_batches_and_trains_where_pytorch_is_there(tmp_path: Path) -> None:
     render_dataset(tmp_path / "set", {0: "train", 1: "val", 2: "train"}, views=2)
     output = run("07_train_on_a_dataset.py", tmp_path, str(tmp_path / "set"), "30")

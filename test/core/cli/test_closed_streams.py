@@ -39,7 +39,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize("closed", [">&- 2>&- <&-", pytest.param("<&-", marks=pytest.mark.long)])
 def test_a_command_works_with_closed_streams(closed: str, rendered: Path) -> None:
     """`sys.stdout` was None: AttributeError, and files got the numbers of streams."""
     done = run(f"repeat out {closed}", rendered)

@@ -89,6 +89,7 @@ def test_another_seed_is_another_world(data: Json) -> None:
     assert digest(data) != digest({**data, "seed": data["seed"] + 1})
 
 
+@pytest.mark.long
 @given(data=configs())
 @settings(BOUNDED, max_examples=2)
 def test_adding_a_group_does_not_move_the_others(data: Json) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blender_process import in_new_blender
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.long]
 
 LEAST_PSNR_DB = 25.0
 """Between pictures that were denoised in different ways."""

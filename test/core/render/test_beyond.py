@@ -71,11 +71,18 @@ def world(**environment: Any) -> Simulation:
 
 SLOW = {"alpine", "badlands", "river_bed", "slab_dunes", "volcanic_field", "large_terrain"}
 """Presets that take seconds to make."""
+QUICK = {"canyon", "crater_field", "mounds", "plane"}
+"""Presets of `make test`: walls, pits, hills, nothing."""
 
-ALL_PRESETS = [
-    pytest.param(preset, marks=pytest.mark.long if preset in SLOW else ())
-    for preset in sorted(PRESETS)
-]
+
+def preset_marks(preset: str) -> Any:
+    """When what holds for all presets is seen for this one."""
+    if preset in QUICK:
+        return ()
+    return pytest.mark.soak if preset in SLOW else pytest.mark.long
+
+
+ALL_PRESETS = [pytest.param(preset, marks=preset_marks(preset)) for preset in sorted(PRESETS)]
 
 
 @pytest.mark.parametrize("preset", ALL_PRESETS)

@@ -13,6 +13,7 @@ from oaisys_dataset.private import ray_job_config, ray_options
 from oaisys_dataset.ray_session import RaySettings, ray_session
 
 
+@pytest.mark.long
 def test_without_private_arguments_the_folder_is_told_by_a_variable(
     monkeypatch: pytest.MonkeyPatch, fallback_lines: Callable[[], list[str]]
 ) -> None:

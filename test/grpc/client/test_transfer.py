@@ -183,6 +183,7 @@ def test_arrays_belong_to_who_received_them(server: Server) -> None:
         assert (again.frame("camera", "depth").data > 0).all()
 
 
+@pytest.mark.long
 def test_a_server_may_keep_its_memory_to_itself(start_server: StartServer) -> None:
     server = start_server(WORLD, "--no-shared-memory")
     with server.client() as client:

@@ -410,6 +410,7 @@ def rejecting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         yield server
 
 
+@pytest.mark.long
 def test_a_pose_off_the_stage_or_under_it_is_refused_on_request(
     rejecting: Server, connect: Callable[[Server], OriginalClient]
 ) -> None:

@@ -43,6 +43,7 @@ def test_a_view_that_comes_again_has_the_same_bytes_and_a_new_id(start_server: S
     assert after.frames[0].data.tobytes() == again.frame("camera", "depth").data.tobytes()
 
 
+@pytest.mark.long
 def test_it_can_be_switched_off(start_server: StartServer) -> None:
     with start_server(FLAT_WORLD, "--pose-cache-mb", "0").client() as client:
         client.step_batch()

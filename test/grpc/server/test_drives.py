@@ -241,8 +241,8 @@ def test_a_new_world_ends_a_drive(server: Server, client: SimulatorClient) -> No
 @pytest.mark.parametrize(
     ("fault", "error"),
     [
-        ("crash-once", WorkerLostError),
-        pytest.param("slow", DeadlineExceededError, marks=pytest.mark.long),
+        pytest.param("crash-once", WorkerLostError, marks=pytest.mark.long),
+        pytest.param("slow", DeadlineExceededError, marks=pytest.mark.soak),
     ],
 )
 def test_an_interrupted_drive_says_why_and_the_next_one_is_whole(

@@ -110,6 +110,7 @@ def test_tls_encrypts_and_proves_the_server(start_server: StartServer, tmp_path:
         assert client.is_ready(PATIENCE_S)
 
 
+@pytest.mark.long
 def test_mutual_tls_lets_only_known_clients_in(start_server: StartServer, tmp_path: Path) -> None:
     authority, stranger = Authority(tmp_path), Authority(tmp_path, "stranger")
     cert, key = authority.pair("server")
@@ -341,6 +342,7 @@ def test_files_in_the_roots_are_read(confined: SimulatorClient, places: Path) ->
     confined.step_batch()
 
 
+@pytest.mark.long
 def test_the_configuration_may_name_any_file(start_server: StartServer, places: Path) -> None:
     """What the operator named stays in force when a request changes something beside it."""
     motion = {"kind": "csv", "path": str(places / "private/poses.csv")}

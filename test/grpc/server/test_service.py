@@ -49,6 +49,7 @@ def test_a_sample_says_where_it_is_from(flat_client: SimulatorClient) -> None:
     assert info.stage_extent_m == (-20, -20, 20, 20)
 
 
+@pytest.mark.long
 def test_noise_and_drift_come_with_the_frames_after_a_batch_and_can_be_switched_off(
     start_server: StartServer,
 ) -> None:
@@ -148,6 +149,7 @@ def test_the_mesh_is_the_surface_that_was_rendered(rocky_client: SimulatorClient
     assert np.median(np.abs(heights.clearance_m)) < 1e-4
 
 
+@pytest.mark.long
 def test_large_images_pass_the_default_limits(start_server: StartServer) -> None:
     camera = {"width_px": 1600, "height_px": 1200, "fx_px": 1350.0, "fy_px": 1350.0}
     world = {**FLAT_WORLD, "sensors": {"cameras": [camera]}}

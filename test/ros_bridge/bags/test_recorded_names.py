@@ -73,10 +73,12 @@ def check(stage: Stage, folder: Path, expected: tuple[str, ...], *arguments: str
     assert found == {name: {name} for name in expected}
 
 
+@pytest.mark.long
 def test_a_namespace_with_its_own_tf_is_recorded_alone(robots: Stage, tmp_path: Path) -> None:
     check(robots, tmp_path / "bag", ("/mars/tf", "/mars/odometry"), *namespace_arguments("mars"))
 
 
+@pytest.mark.long
 def test_a_namespace_with_the_common_tf_is_recorded_with_that(
     robots: Stage, tmp_path: Path
 ) -> None:
@@ -84,6 +86,7 @@ def test_a_namespace_with_the_common_tf_is_recorded_with_that(
     check(robots, tmp_path / "bag", ("/tf", "/mars/tf", "/mars/odometry"), *arguments)
 
 
+@pytest.mark.long
 def test_rules_rename_no_topic_in_the_bag(robots: Stage, tmp_path: Path) -> None:
     rules = ("--ros-args", "-r", "/tf:=/mars/tf", "-r", "/odometry:=/mars/odometry")
     check(robots, tmp_path / "bag", (*TRANSFORMS, *ODOMETRIES), *rules)

@@ -222,6 +222,7 @@ def test_a_bag_is_finished_although_what_waits_cannot_be_taken(
     recorder.destroy_node()
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_topics_that_are_asked_for_are_waited_for(stage: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"

@@ -232,13 +232,24 @@ def test_topics_without_a_reader_are_named(stage: Stage, small_bag: Path) -> Non
     ("options", "reason"),
     [
         ([], "waited 0.5 s for readers of /latched, /plain"),
-        (["--topics", "/plain"], "waited 0.5 s for readers of /plain"),
-        (["--wait-for-topic", "/latched"], "waited 0.5 s for readers of /latched"),
+        pytest.param(
+            ["--topics", "/plain"], "waited 0.5 s for readers of /plain", marks=pytest.mark.long
+        ),
+        pytest.param(
+            ["--wait-for-topic", "/latched"],
+            "waited 0.5 s for readers of /latched",
+            marks=pytest.mark.long,
+        ),
         (["--wait-for", "3"], "waited 0.5 s for readers: 0 of 3 nodes are there"),
-        (["--wait-for", "1", "--delay", "0.1"], "waited 0.5 s for readers: 0 of 1 nodes are there"),
-        (
+        pytest.param(
+            ["--wait-for", "1", "--delay", "0.1"],
+            "waited 0.5 s for readers: 0 of 1 nodes are there",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
             ["--wait-for-topic", "/latched", "--delay", "0.1"],
             "waited 0.5 s for readers of /latched",
+            marks=pytest.mark.long,
         ),
         (["--delay", "0.5"], "was played to nobody: no topic had a reader"),
     ],

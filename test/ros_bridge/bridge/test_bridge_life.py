@@ -126,6 +126,7 @@ def test_a_request_waits_while_the_worker_is_started_again(stage: Stage) -> None
     assert user.set_pose(pose).success
 
 
+@pytest.mark.long
 def test_signals_end_it_in_peace_even_while_it_renders(stage: Stage) -> None:
     server = stage.start_world({**FLAT_WORLD, "stage": {"extent_m": 40, "resolution_px": 513}})
     bridge = stage.start_bridge(server.address)

@@ -75,6 +75,7 @@ def test_a_view_that_fails_says_why_to_whoever_asked(stage: Stage) -> None:
     assert "refused" not in bridge.log.read_text()  # nothing is wrong with the requests
 
 
+@pytest.mark.long
 def test_metadata_with_which_no_sample_can_be_rendered_is_dropped_in_words(stage: Stage) -> None:
     user, pose = stage.user, stamped(pose_looking_down(0.0, 0.0, 5.0))
     start(stage, f"late-fail:{SENTENCE}@1")

@@ -18,6 +18,7 @@ from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.long
 def test_what_a_killed_survey_has_started_ends_and_finishes_its_bag(tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
     world.write_text(yaml.safe_dump(MOUNDS))

@@ -139,6 +139,7 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
     assert (tmp_path / "scene.html").is_file()
 
 
+@pytest.mark.long
 def test_a_server_that_encrypts_is_shown(tmp_path):
     authority = Authority(tmp_path)
     cert, key = authority.pair("server")

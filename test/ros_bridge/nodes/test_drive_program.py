@@ -12,7 +12,9 @@ from oaisys_ros_bridge.nodes.drive import READY
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_the_drive_program_with_its_code(
     stage: Stage, number: signal.Signals
 ) -> None:

@@ -76,6 +76,7 @@ def test_depth_goes_out_before_colour_and_a_sample_that_fails_is_never_called_co
     assert not any(user.received[topic] for topic in LATE)
 
 
+@pytest.mark.long
 def test_a_cloud_waits_for_the_colour_that_it_will_have_and_for_no_other(stage: Stage) -> None:
     user = bridged(stage)
     plain = user.set_pose(pose_looking_down(0, 0, 5), modalities=["depth"])

@@ -182,6 +182,7 @@ def test_reference_consumers_see_what_we_publish(stage: Stage) -> None:
         check_pair(user, answer.stamp, sample)
 
 
+@pytest.mark.long
 def test_a_right_camera_can_have_its_own_frame(stage: Stage) -> None:
     """With `stereo.right_frame`: every image of both cameras, and disparities' consumers."""
     user = stage.user

@@ -36,6 +36,7 @@ def heights_m(user: User) -> list[float]:
     return [t.transform.translation.z for m in user.received["/tf"] for t in m.transforms]
 
 
+@pytest.mark.long
 def test_a_late_reader_gets_the_last_transform_and_no_count_is_changed(
     stage: Stage, tmp_path: Path
 ) -> None:

@@ -44,6 +44,7 @@ def foxglove_topics() -> set[str]:
     return {p["imageMode"]["imageTopic"] for name, p in panels.items() if name.startswith("Image!")}
 
 
+@pytest.mark.long
 def test_viewers_are_shown_encodings_that_they_accept(stage: Stage) -> None:
     user = stage.user
     shown = {"rviz": rviz_topics(), "foxglove": foxglove_topics()}

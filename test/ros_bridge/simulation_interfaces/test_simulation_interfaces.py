@@ -156,6 +156,7 @@ def test_a_simulation_is_paused_stepped_and_played(simulator: Simulator) -> None
     assert (code, "4" in message) == (srv.SetSimulationState.Response.INCORRECT_TRANSITION, True)
 
 
+@pytest.mark.long
 def test_entities_are_found_asked_and_put_somewhere(stage: Stage) -> None:
     simulator = started(stage, {**FLAT_WORLD, "sensors": {"cameras": [MOUNTED]}})
     assert simulator.entities() == ["base_link", "camera"]

@@ -171,7 +171,10 @@ def test_petals_keep_their_sizes_in_meadows_of_any_width(size_m: float) -> None:
     assert_within(distance(petals, 0, 4), ORGANS["flower_meadow"]["flower"].length_m, "petal")
 
 
-@pytest.mark.parametrize("size_m", [0.3, *SIZES_M])
+@pytest.mark.parametrize(
+    "size_m",
+    [0.3, *(pytest.param(size_m, marks=pytest.mark.long) for size_m in SIZES_M[:-1]), SIZES_M[-1]],
+)
 def test_succulents_dry_twigs_and_heads_of_moss_keep_their_sizes(size_m: float) -> None:
     shapes = {
         name: make_shape(name, np.random.default_rng(4), plant_m=size_m)

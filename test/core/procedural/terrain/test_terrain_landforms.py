@@ -18,7 +18,7 @@ from oaisys_core.types import FloatArray
 
 ROUGH = sorted(PRESETS.keys() - {"plane"})
 
-SLOW = {"alpine", "badlands", "slab_dunes"}
+SLOW = {"alpine", "badlands", "large_terrain", "river_bed", "slab_dunes", "volcanic_field"}
 """Presets that take seconds to make."""
 
 
@@ -50,7 +50,10 @@ def test_a_seed_gives_one_landscape_at_any_resolution(preset: str) -> None:
     assert pearsonr(coarse.ravel(), fine[::2, ::2].ravel()).statistic > least
 
 
-@pytest.mark.parametrize("preset", ROUGH)
+@pytest.mark.parametrize(
+    "preset",
+    [pytest.param(each, marks=pytest.mark.long if each in SLOW else ()) for each in ROUGH],
+)
 def test_landscapes_are_neither_flat_nor_spiky(preset: str) -> None:
     elevation_m, spacing_m = smooth_ground(preset)
     assert 1.0 < np.ptp(elevation_m) < 25.0

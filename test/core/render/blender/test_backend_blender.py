@@ -99,6 +99,7 @@ def test_an_unchanged_ground_stays(life: dict[str, Any]) -> None:
     assert life["ground kept"]
 
 
+@pytest.mark.long
 def test_a_picture_does_not_depend_on_the_samples_of_those_before() -> None:
     few, _, few_again, many, _, many_again = in_blender(
         "backend.pictures_by_samples", [2, 600, 2, 300, 600, 300]

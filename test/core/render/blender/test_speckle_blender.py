@@ -60,8 +60,8 @@ def test_the_measure_counts_noise_and_neither_stones_nor_edges() -> None:
 @pytest.mark.parametrize(
     ("kind", "suns"),
     [
-        ("pools", (DUSK,)),
-        pytest.param("pools", (SUNNY,), marks=pytest.mark.long),
+        pytest.param("pools", (DUSK,), marks=pytest.mark.long),
+        pytest.param("pools", (SUNNY,), marks=pytest.mark.soak),
         pytest.param("ice", (SUNNY, DUSK), marks=pytest.mark.long),
     ],
 )

@@ -229,6 +229,7 @@ def test_a_cancelled_operation_frees_the_worker(slow_client: SimulatorClient) ->
     assert slow_client.query_height([[0, 0, 3]]).clearance_m == pytest.approx([3])
 
 
+@pytest.mark.long
 def test_a_sample_cancelled_as_it_ends_leaves_its_id_to_the_next_one(tmp_path: Path) -> None:
     env = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "last-nap:0.5@2"}
     with Server(tmp_path / "naps", FLAT_WORLD, **env) as server, server.client() as client:

@@ -39,6 +39,7 @@ def call(channel: grpc.Channel, path: str, messages: Iterator[bytes], **options:
     return start(messages, timeout=PATIENCE_S, **options)
 
 
+@pytest.mark.long
 def test_compressed_bombs_are_refused_before_they_unfold(
     flat_server: Server, flat_client: SimulatorClient
 ) -> None:

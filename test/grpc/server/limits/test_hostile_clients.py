@@ -211,8 +211,13 @@ def assert_ends(server: Server, signals: int = 1) -> None:
     assert "Traceback" not in server.stderr.read_text()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("connections", [1, STREAMS])
+@pytest.mark.parametrize(
+    "connections",
+    [
+        pytest.param(1, marks=pytest.mark.soak),
+        pytest.param(STREAMS, marks=pytest.mark.long),
+    ],
+)
 def test_streams_that_nobody_reads_hold_up_nobody(
     start_server: StartServer, connections: int
 ) -> None:

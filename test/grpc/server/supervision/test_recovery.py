@@ -81,10 +81,13 @@ def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> No
             client.info()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     "signals",
-    [[signal.SIGINT], [signal.SIGTERM, signal.SIGINT], [signal.SIGHUP] * 2],
+    [
+        pytest.param([signal.SIGTERM, signal.SIGINT], marks=pytest.mark.long),
+        pytest.param([signal.SIGINT], marks=pytest.mark.soak),
+        pytest.param([signal.SIGHUP] * 2, marks=pytest.mark.soak),
+    ],
 )
 def test_signals_end_everything_quietly_even_while_it_renders(
     start_server: StartServer, signals: list[signal.Signals]
@@ -183,6 +186,7 @@ def test_how_a_worker_ended_is_not_hidden_by_our_own_signal(tmp_path: Path) -> N
         next(worker.call("start", WorkerMessage({}), limit))
 
 
+@pytest.mark.long
 def test_a_worker_that_others_kill_is_said_to_be_killed_by_them(
     start_server: StartServer,
 ) -> None:

@@ -28,6 +28,9 @@ def test_a_preset_has_the_same_bytes_on_each_run_and_python(
     monkeypatch.setenv("OAISYS_CACHE_MB", "0")
     ground = make_ground(preset, 100.0, 97, np.random.default_rng(3))
     assert ground.elevation_m.shape == (97, 97)
+    assert ground.elevation_m.dtype == np.float32
+    assert ground.extent_m == pytest.approx((-50, -50, 50, 50))
+    assert np.isfinite(ground.elevation_m).all()
     assert hashlib.sha256(ground.elevation_m.tobytes()).hexdigest()[:16] == DIGESTS[preset]
 
 
@@ -41,6 +44,7 @@ def test_a_preset_has_finite_heights_at_the_bounds_of_its_keys(
     assert np.isfinite(make_ground(preset, extent_m, 9, rng, relief_m=relief_m).elevation_m).all()
 
 
+@pytest.mark.long
 def test_badlands_have_the_concavity_of_rivers_and_slopes_at_repose() -> None:
     ground = make_ground("badlands", 100.0, 385, np.random.default_rng(3))
     found = measure(ground)

@@ -20,7 +20,7 @@ from oaisys_core.scene.terrain_material import Variation
 from oaisys_core.scene.tiling import stochastic_tiling, voronoi_tiling
 from oaisys_core.types import RGB, PinholeIntrinsics
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.long]
 
 LENS = PinholeIntrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 SEEN = "Denoising Albedo"

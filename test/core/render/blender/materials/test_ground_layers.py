@@ -95,6 +95,13 @@ def material(layers: int, tiling: Tiling) -> TerrainMaterial:
     )
 
 
+def test_twice_as_many_layers_take_half_of_cycles_stack_at_most() -> None:
+    tiling = stochastic_tiling(1.0, np.random.default_rng(0))
+    grounds, hazy = [material(4, tiling)] * 2, replace(SUNNY, haze=Haze((0.01, 0.02, 0.03)))
+    assert in_blender("stack.keeps_at_most", grounds, [STACK // 2 - 1, 8], hazy) == [True, False]
+
+
+@pytest.mark.long
 def test_cycles_stack_has_room_for_any_number_of_layers() -> None:
     # Twice as many layers double one switch more, which takes a few numbers.
     rng = np.random.default_rng(0)

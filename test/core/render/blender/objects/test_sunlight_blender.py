@@ -131,6 +131,7 @@ def bird(elevation_deg: float) -> float:
     return direct / ((direct + scattered) / (1 - 0.2 * from_above))
 
 
+@pytest.mark.long
 def test_on_earth_four_fifths_to_nine_tenths_are_direct(
     seen: dict[str, tuple[FloatArray, FloatArray]],
 ) -> None:
