@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +27,11 @@ from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, FloatArray, PinholeIn
 EXTENT_M = 40.0
 SKY_ID = 7
 LABELS = (DEPTH, SEMANTIC_0, INSTANCE)
+SMALL_MATERIALS: dict[str, Any] = {
+    "texture_size_px": 16,
+    "mask": {"size_px": 16, "relief": 0},
+}
+"""Section of a configuration, for worlds whose ground's look is not judged."""
 
 CENTRED = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
 SKEWED = PinholeIntrinsics(90, 50, 70.0, 95.0, 37.2, 30.9)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import check_pose
@@ -32,6 +33,7 @@ def world() -> Simulation:
             {
                 "backend": "analytic",
                 "stage": {"preset": "mounds", "extent_m": 40.0, "resolution_px": 65},
+                "materials": SMALL_MATERIALS,
                 "assets": {"rocks": []},
                 "sensors": {"cameras": [left, right]},
             }

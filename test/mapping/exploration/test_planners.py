@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from repository import REPOSITORY
+from synthetic_worlds import SMALL_MATERIALS
 from walls import CAMERA, seen_wall
 
 from oaisys_core.config.loading import config_from_mapping
@@ -133,6 +134,7 @@ def world():
         "seed": 4,
         "backend": "analytic",
         "stage": {"preset": "mountain_1", "extent_m": SIZE_M, "resolution_px": 129},
+        "materials": SMALL_MATERIALS,
         "assets": {"rocks": []},
         "render": {"quality": "geometry"},
         "sensors": {

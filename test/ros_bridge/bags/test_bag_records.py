@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from commands import oaisys, oaisys_here
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core.config import canonical_json, config_from_mapping
 from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
@@ -31,6 +32,7 @@ class Recorded:
 
     def __init__(self, folder: Path, cameras: list[dict[str, Any]]) -> None:
         world = {"backend": "analytic", "stage": {"resolution_px": 65, "extent_m": 30.0}}
+        world |= {"materials": SMALL_MATERIALS}
         self.config = config_from_mapping({**world, "sensors": {"cameras": cameras}})
         self.prefixes = {c["name"]: c["name"] if len(cameras) > 1 else "camera" for c in cameras}
         self.simulation = Simulation(self.config)

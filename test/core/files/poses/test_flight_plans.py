@@ -12,6 +12,7 @@ import rasterio
 from affine import Affine
 from pyproj import Transformer
 from scipy.spatial.transform import Rotation
+from synthetic_worlds import SMALL_MATERIALS
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
@@ -21,6 +22,11 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, read_pose_table
 from oaisys_core.simulation import Simulation
 
+BARE: dict[str, Any] = {
+    "backend": "analytic",
+    "materials": SMALL_MATERIALS,
+    "assets": {"rocks": []},
+}
 CORNER = (412_000.0, 5_322_000.0)
 SIZE, PIXEL_M = 101, 2.0
 TO_DEGREES = Transformer.from_crs("EPSG:32633", "EPSG:4326", always_xy=True)
@@ -36,8 +42,7 @@ def simulation(folder: Path) -> Simulation:
     with rasterio.open(folder / "a.tif", "w", **kind, **size) as file:
         file.write(heights.astype(np.float32), 1)
     stage = {"dem": {"file": str(folder / "a.tif")}, "surroundings": "plain"}
-    config = config_from_mapping({"backend": "analytic", "stage": stage, "assets": {"rocks": []}})
-    made = Simulation(config)
+    made = Simulation(config_from_mapping({**BARE, "stage": stage}))
     made.step_batch()
     return made
 
@@ -103,8 +108,7 @@ def test_plans_that_cannot_be_flown_are_refused(
 
 
 def test_a_stage_of_no_place_takes_no_plan(tmp_path: Path) -> None:
-    config = config_from_mapping({"backend": "analytic", "assets": {"rocks": []}})
-    made = Simulation(config)
+    made = Simulation(config_from_mapping({**BARE, "stage": {"resolution_px": 33}}))
     made.step_batch()
     path = write(tmp_path / "a.plan", [item(0, 0, 20, 0)])
     with pytest.raises(InvalidInputError, match="elevation model that says where it lies"):
@@ -119,6 +123,7 @@ def test_the_command_renders_a_plan(tmp_path: Path) -> None:
     config.write_text(
         "backend: analytic\n"
         "stage: {dem: {file: a.tif}, surroundings: plain}\n"
+        "materials: {texture_size_px: 16, mask: {size_px: 16, relief: 0}}\n"
         "assets: {rocks: []}\n"
         "sensors: {cameras: [{width_px: 8, height_px: 6}]}\n"
     )

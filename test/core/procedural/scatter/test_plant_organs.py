@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.scatter.groups import scatter_group, size_classes_m
@@ -262,6 +263,7 @@ def test_a_placed_and_an_added_tree_have_needles_of_their_own_size() -> None:
         {
             "backend": "analytic",
             "stage": {"preset": "plane", "extent_m": 20, "resolution_px": 9},
+            "materials": SMALL_MATERIALS,
             "assets": {"rocks": [], "objects": [tree | {"name": "placed", "scale": 8.0}]},
         }
     )

@@ -14,6 +14,7 @@ from pyproj import CRS, Geod, Transformer
 from rasterio.control import GroundControlPoint
 from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
+from synthetic_worlds import SMALL_MATERIALS
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
@@ -159,7 +160,8 @@ def test_files_without_a_place_have_none(tmp_path: Path) -> None:
 def test_batches_tell_their_place(tmp_path: Path) -> None:
     write(tmp_path / "a.tif", *FILES["UTM"])
     stage = {"dem": {"file": str(tmp_path / "a.tif")}, "surroundings": "plain"}
-    config = config_from_mapping({"backend": "analytic", "stage": stage, "assets": {"rocks": []}})
+    sections = {"stage": stage, "materials": SMALL_MATERIALS, "assets": {"rocks": []}}
+    config = config_from_mapping({"backend": "analytic", **sections})
     simulation = Simulation(config)
     simulation.step_batch()
     place = simulation.info().georeference
@@ -182,6 +184,7 @@ def test_the_sun_of_a_time_stands_over_the_place_of_the_model(tmp_path: Path) ->
                 {
                     "backend": "analytic",
                     "stage": {**stage, "body": "moon"},
+                    "materials": SMALL_MATERIALS,
                     "assets": {"rocks": []},
                     "environment": {"sky": {"model": "none"}, "sun_from_time": sun},
                 }

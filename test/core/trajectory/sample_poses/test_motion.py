@@ -17,7 +17,12 @@ from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 33},
+    "stage": {
+        "preset": "mounds",
+        "extent_m": 40,
+        "resolution_px": 33,
+        "surroundings": "plain",
+    },
     "materials": {
         "layers": [{"texture": "gravel", "label": "gravel", "semantic_id": 1}],
         "texture_size_px": 16,

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core import extensions, randomness
 from oaisys_core.config.loading import config_from_mapping
@@ -349,6 +350,7 @@ def simulation(images: Path) -> Simulation:
             {
                 "backend": "analytic",
                 "stage": {"preset": "plane", "extent_m": 20, "resolution_px": 3},
+                "materials": SMALL_MATERIALS,
                 "assets": {"rocks": []},
                 "sensors": {
                     "cameras": [

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from blender_process import in_blender
 from scipy.ndimage import binary_dilation, binary_erosion, sobel
-from synthetic_worlds import BOX, CENTRED, SPHERE, camera, flat_world, settings
+from synthetic_worlds import BOX, CENTRED, SMALL_MATERIALS, SPHERE, camera, flat_world, settings
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
@@ -28,6 +28,7 @@ SMALL: dict[str, Any] = {
     "seed": 3,
     "backend": "analytic",
     "stage": {"preset": "plane", "extent_m": 40.0, "resolution_px": 3},
+    "materials": SMALL_MATERIALS,
     "assets": {"rocks": []},
     "sensors": {
         "cameras": [{"width_px": 16, "height_px": 12, "modalities": ["rgb", "depth", "normal"]}]

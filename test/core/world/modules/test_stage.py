@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from matplotlib.tri import LinearTriInterpolator, Triangulation
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
@@ -26,7 +27,10 @@ LOOK = geometry.pose_looking_down(1.0, 2.0, 12.0)
 def simulation(stage: dict[str, Any], **more: Any) -> Simulation:
     small: dict[str, Any] = {
         "backend": "analytic",
-        "materials": {"layers": [{"texture": "sand", "label": "sand", "semantic_id": 1}]},
+        "materials": {
+            "layers": [{"texture": "sand", "label": "sand", "semantic_id": 1}],
+            **SMALL_MATERIALS,
+        },
         "assets": {
             "rocks": [{"count": [20, 30], "variants": 2, "label": "rock", "semantic_id": 2}]
         },

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
@@ -22,6 +23,7 @@ def corners_m(path: Path, **more: Any) -> tuple[list[float], list[float]]:
     config = {
         "backend": "analytic",
         "stage": {"preset": "plane", "extent_m": 20.0, "resolution_px": 17},
+        "materials": SMALL_MATERIALS,
         "assets": {"rocks": [], "objects": [thing]},
     }
     simulation = Simulation(config_from_mapping(config))
