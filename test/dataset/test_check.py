@@ -68,6 +68,7 @@ def test_what_was_rendered_passes(rendered: Path) -> None:
     assert all(each.pixels > 700 for each in report.audited)
 
 
+@pytest.mark.long
 def test_what_cannot_be_audited_is_said_and_does_not_fail(tmp_path: Path) -> None:
     (camera,) = SMALL["sensors"]["cameras"]
     fisheye = {**camera, "name": "wide", "fx_px": 40.0, "fy_px": 40.0, "fisheye": {"k1": 0.01}}

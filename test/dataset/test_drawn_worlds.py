@@ -34,6 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_what_was_drawn_is_in_the_manifest_and_the_check_passes(folder: Path) -> None:
     dataset = open_dataset(folder)
     drawn = {record.world: record.metadata["drawn"] for record in dataset.records}

@@ -29,13 +29,12 @@ def episode(environment: gymnasium.Env[Any, Any], seed: int, policy: Callable[[A
     return total
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("task", "baseline", "steps"),
     [
-        ("NextBestView", PlannerPolicy, 5),
-        ("Coverage", BestWaypoint, 40),
-        ("DriveToGoal", TurnToGoal, 60),
+        pytest.param("NextBestView", PlannerPolicy, 5, marks=pytest.mark.long),
+        pytest.param("Coverage", BestWaypoint, 40, marks=pytest.mark.soak),
+        pytest.param("DriveToGoal", TurnToGoal, 60, marks=pytest.mark.long),
     ],
 )
 def test_a_baseline_beats_random_actions(

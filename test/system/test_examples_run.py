@@ -102,6 +102,7 @@ def test_one_view(world: Path, tmp_path: Path) -> None:
     assert Image.open(tmp_path / "out" / "one_view.png").size == (64, 48)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_over_grpc(tmp_path: Path) -> None:
     with Server(tmp_path / "server", SMALL_WORLD) as server:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rasterio
 from PIL import Image
 
@@ -14,6 +15,7 @@ from tools.gallery.imports.pictures import MOST_BYTES, write_sheet
 from tools.gallery.imports.worlds import TILE_PX, make_worlds
 
 
+@pytest.mark.long
 def test_ten_worlds_can_be_rendered(tmp_path: Path) -> None:
     worlds = make_worlds(tmp_path)
     assert len({world.caption for world in worlds}) == 10

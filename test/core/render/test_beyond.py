@@ -333,9 +333,16 @@ def test_sky_is_shown_where_the_horizon_dips_below_the_horizontal() -> None:
     assert (images["semantic_0"][dips & inner] == SKY_ID).all()
 
 
-@pytest.mark.long
 @pytest.mark.blender
-@pytest.mark.parametrize("example", ["stage_plane", "environment_moon", "stage_dem", "stage_dunes"])
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param("stage_plane", marks=pytest.mark.long),
+        pytest.param("environment_moon", marks=pytest.mark.long),
+        pytest.param("stage_dem", marks=pytest.mark.soak),
+        pytest.param("stage_dunes", marks=pytest.mark.soak),
+    ],
+)
 def test_no_pixel_that_shows_ground_is_infinitely_far(example: str) -> None:
     """Level views: colour's own depth, as Cycles rendered it, against what the sample says."""
     rng = np.random.default_rng(6)

@@ -54,8 +54,10 @@ def test_where_nothing_fits_the_sentence_says_how_long_tmpdir_may_be(
         socket_parent(BELOW_BYTES)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("letters", [22, 35])
+@pytest.mark.parametrize(
+    "letters",
+    [pytest.param(22, marks=pytest.mark.soak), pytest.param(35, marks=pytest.mark.long)],
+)
 def test_ray_starts_at_the_lengths_at_which_it_failed(
     letters: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,7 +31,6 @@ WORLD: dict[str, Any] = {
     "backend": "analytic",
     "stage": {"extent_m": 40.0, "resolution_px": 129},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 128}},
-    "assets": {"rocks": [{"kind": "angular", "count": [60, 60], "variants": 4}]},
     "sensors": {
         "cameras": [
             {"name": "camera", "width_px": 96, "height_px": 72, "fx_px": 80.0, "fy_px": 75.0}
@@ -39,12 +38,14 @@ WORLD: dict[str, Any] = {
     },
 }
 
+FEW_ROCKS = {"rocks": [{"kind": "angular", "count": [60, 60], "variants": 4}]}
+
 SAMPLED_PX = WINDOWS * (WINDOW_PX - 2) ** 2
 """Of each image, edges included."""
 
 
 def audited(config: dict, views: int) -> dict[str, AuditResult]:
-    simulation = Simulation(config_from_mapping(config))
+    simulation = Simulation(config_from_mapping({"assets": FEW_ROCKS, **config}))
     simulation.step_batch()
     found = audit_views(simulation, views, np.random.default_rng(1))
     simulation.close()
@@ -161,7 +162,7 @@ def test_rays_meet_the_triangles_that_solving_for_each_finds() -> None:
 
 def test_the_command_writes_figures_and_keeps_to_its_limit(tmp_path: Path) -> None:
     config = tmp_path / "world.yaml"
-    config.write_text(json.dumps(WORLD))
+    config.write_text(json.dumps({**WORLD, "assets": FEW_ROCKS}))
     arguments = ["audit", "--config", str(config), "--views", "2", "--out"]
 
     passed = CliRunner().invoke(app, [*arguments, str(tmp_path / "audit.json")])

@@ -44,6 +44,7 @@ def test_the_closed_forms_are_their_integrals() -> None:
     assert closed_forms.rough_from_above(0.5, 1e-4, 0.4) == pytest.approx(1.0, abs=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_cycles_meets_every_formula() -> None:
     found: list[LightFigure] = in_blender("light_audit.light_figures")

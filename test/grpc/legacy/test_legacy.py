@@ -448,6 +448,7 @@ def test_a_second_run_leaves_the_files_of_the_first(
     assert os.path.commonpath(written) == str(tmp_path / "out")
 
 
+@pytest.mark.long
 def test_end_simulation_ends_the_server(
     start_server: StartServer, connect: Callable[[Server], OriginalClient]
 ) -> None:

@@ -267,6 +267,7 @@ def test_an_interrupted_drive_says_why_and_the_next_one_is_whole(
     assert len(instants) == 300
 
 
+@pytest.mark.long
 def test_a_server_without_trajectory_or_drive_says_what_is_missing(
     start_server: Callable[..., Server],
 ) -> None:

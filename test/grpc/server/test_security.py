@@ -171,6 +171,7 @@ def test_keys_are_checked_before_anything_is_opened(tmp_path: Path) -> None:
         SimulatorClient("127.0.0.1:1", tls=ClientTls(missing))
 
 
+@pytest.mark.long
 def test_a_socket_is_its_owners_and_goes_with_its_server(
     start_server: StartServer, tmp_path: Path
 ) -> None:

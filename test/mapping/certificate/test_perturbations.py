@@ -15,6 +15,8 @@ from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.tsdf import TsdfConfig
 
+pytestmark = pytest.mark.long
+
 CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)
 LIMITS = Thresholds(
     max_rmse_m=0.03, min_completion=0.98, min_f_score=0.98, max_median_m=0.005, max_offset_m=0.005

@@ -131,6 +131,7 @@ def test_a_server_without_a_guard_is_not_begun() -> None:
         pass
 
 
+@pytest.mark.long
 def test_a_browser_shows_the_page(page: str, tmp_path) -> None:
     with browser_page(tmp_path, (320, 240)) as browser:
         browser.open(page)

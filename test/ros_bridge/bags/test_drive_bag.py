@@ -106,6 +106,7 @@ def stamp_ns(stamp: Any) -> int:
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
+@pytest.mark.long
 def test_the_bag_holds_what_was_due(messages: dict[str, list[Any]]) -> None:
     counts = {topic: len(found) for topic, found in messages.items()}
     images = {topic: 5 for topic in TYPES if topic.endswith(("image_raw", "camera_info"))}

@@ -92,6 +92,7 @@ def test_rules_rename_no_topic_in_the_bag(robots: Stage, tmp_path: Path) -> None
     check(robots, tmp_path / "bag", (*TRANSFORMS, *ODOMETRIES), *rules)
 
 
+@pytest.mark.long
 def test_a_topic_that_is_asked_for_is_the_remapped_one(robots: Stage, tmp_path: Path) -> None:
     arguments = ("--topics", "/tf", "odometry", *namespace_arguments("mars"))
     check(robots, tmp_path / "bag", ("/mars/tf", "/mars/odometry"), *arguments)

@@ -47,6 +47,7 @@ def test_the_readme_quotes_the_planner() -> None:
     assert quoted[0] in PLANNER.read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_the_planner_gets_its_views_whether_it_or_the_bridge_is_started_first(
     stage: Stage,

@@ -109,6 +109,7 @@ def test_views_without_ground_are_told_in_words(world, tmp_path, ros_domain_id):
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_planner_that_does_not_exist_is_refused_before_anything_starts(
     world, tmp_path, ros_domain_id

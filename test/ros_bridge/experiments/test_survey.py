@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 
 WORLD = """
 seed: 4
-stage: {extent_m: 30, resolution_px: 301}
+stage: {extent_m: 30, resolution_px: 151}
 materials: {texture_size_px: 64, mask: {size_px: 128}}
 assets: {rocks: [{count: [60, 60], size_m: [0.3, 1.0]}]}
 """

@@ -162,6 +162,7 @@ def test_what_no_browser_says_does_not_end_the_page(tmp_path):
     assert len(errors.splitlines()) < 10, errors
 
 
+@pytest.mark.long
 def test_a_running_server_cannot_be_configured(tmp_path):
     result = subprocess.run(
         [*COMMAND, "--address", "127.0.0.1:9", "--seed", "3", "--out", str(tmp_path)],

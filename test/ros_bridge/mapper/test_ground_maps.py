@@ -50,6 +50,7 @@ def map_of(stage: Stage, prefix: str, stamp: Any) -> GridMap:
     return message
 
 
+@pytest.mark.long
 def test_the_mapped_ground_is_the_true_one_where_it_was_seen(stage: Stage) -> None:
     user = stage.user
     server = stage.start_world(WORLD)

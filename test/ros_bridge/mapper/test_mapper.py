@@ -334,9 +334,13 @@ def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None
     assert "Traceback" not in said
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
-    "parameter", ["voxel_size:=-0.1", "weighting:=heavy", "use_color:=perhaps"]
+    "parameter",
+    [
+        pytest.param("voxel_size:=-0.1", marks=pytest.mark.long),
+        pytest.param("weighting:=heavy", marks=pytest.mark.soak),
+        pytest.param("use_color:=perhaps", marks=pytest.mark.soak),
+    ],
 )
 def test_a_wrong_parameter_is_told_in_one_line(ros_domain_id: int, parameter: str) -> None:
     command = [

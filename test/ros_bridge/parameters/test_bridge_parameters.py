@@ -107,6 +107,7 @@ def check_descriptor(row: ParameterRow, descriptor: ParameterDescriptor) -> None
         assert [(r.from_value, r.to_value) for r in ranges] == [(row.least, row.most)]
 
 
+@pytest.mark.long
 def test_what_is_read_at_configuration_is_refused_while_configured(stage: Stage) -> None:
     user = stage.user
     server = stage.start_world(FLAT_WORLD)

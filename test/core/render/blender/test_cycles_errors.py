@@ -18,6 +18,7 @@ def test_what_cycles_logs_as_an_error_fails_the_render_each_time() -> None:
     assert np.array_equal(before, after)
 
 
+@pytest.mark.long
 def test_ground_that_is_black_without_an_error_fails_the_render() -> None:
     for kind, (before, failed, after) in in_new_blender("errors.black").items():
         assert "100% of the ground of the stage is black" in failed, kind

@@ -15,7 +15,7 @@ from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_core.world.modules.lidars import ConstantVelocity
 
-pytestmark = [pytest.mark.blender, pytest.mark.long]
+pytestmark = pytest.mark.blender
 
 SAMPLES = 64
 FISHEYE = PinholeIntrinsics(64, 48, 40.0, 40.0, 31.5, 23.5, (), "equidistant")
@@ -51,7 +51,12 @@ def at_times(placed: PlacedCamera, times_s: NDArray[np.float64]) -> list[PlacedC
 
 
 @pytest.mark.parametrize(
-    "intrinsics", [CENTRED, FISHEYE, SHIFTED], ids=["pinhole", "fisheye", "shifted"]
+    "intrinsics",
+    [
+        pytest.param(CENTRED, id="pinhole", marks=pytest.mark.long),
+        pytest.param(FISHEYE, id="fisheye", marks=pytest.mark.soak),
+        pytest.param(SHIFTED, id="shifted", marks=pytest.mark.soak),
+    ],
 )
 def test_each_row_shows_what_a_still_camera_sees_where_the_row_is_read(
     intrinsics: PinholeIntrinsics,
@@ -69,7 +74,13 @@ def test_each_row_shows_what_a_still_camera_sees_where_the_row_is_read(
     assert np.mean(unmoved) > 3
 
 
-@pytest.mark.parametrize("readout_s", [0.0, 0.03], ids=["global", "rolling"])
+@pytest.mark.parametrize(
+    "readout_s",
+    [
+        pytest.param(0.0, id="global", marks=pytest.mark.long),
+        pytest.param(0.03, id="rolling", marks=pytest.mark.soak),
+    ],
+)
 def test_an_exposure_is_the_mean_of_what_still_cameras_see_during_it(readout_s: float) -> None:
     exposure_s = 0.1
     blurred = moving(still(CENTRED), readout_s, exposure_s)

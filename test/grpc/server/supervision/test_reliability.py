@@ -226,6 +226,7 @@ SimulatorClient(sys.argv[1]).render_sample(on_progress=lambda p: print(p.stage, 
 """
 
 
+@pytest.mark.long
 def test_a_killed_client_frees_the_worker(start_server: StartServer) -> None:
     fault = f"slow:{LONGER_THAN_ANY_TEST_S}@1"
     server = start_server(FLAT_WORLD, OAISYS_FAULT=fault, **FAULTY)
@@ -244,6 +245,7 @@ def test_a_killed_client_frees_the_worker(start_server: StartServer) -> None:
         assert client.info().worker_restarts == 0
 
 
+@pytest.mark.long
 def test_after_a_deadline_nothing_stale_comes(start_server: StartServer) -> None:
     fault = f"slow:{LONGER_THAN_ANY_TEST_S}@2"
     server = start_server(FLAT_WORLD, OAISYS_FAULT=fault, **FAULTY)

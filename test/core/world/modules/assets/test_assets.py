@@ -362,7 +362,7 @@ def test_a_restored_simulation_goes_on_as_the_first_would_have() -> None:
         {
             "backend": "analytic",
             "stage": {"preset": "mounds", "extent_m": 30.0, "resolution_px": 65},
-            "materials": {"texture_size_px": 16},
+            "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
             "assets": ASSETS,
             "sensors": {
                 "cameras": [{"width_px": 32, "height_px": 24, "fx_px": 20, "fy_px": 20}],
