@@ -22,7 +22,7 @@ from oaisys_core.system import fallbacks
 LONGEST_ID = 60
 """Characters of a parameter that a test's name shows."""
 
-SLOW_MARKS = {"blender", "ros", "system"}
+SLOW_MARKS = {"blender", "long", "ros", "system"}
 SLOW_FIXTURES = {"start_server", "flat_server", "leaks", "no_process_left"}
 """Of tests that start processes, which take seconds each."""
 

@@ -14,9 +14,11 @@ from typing import Any
 
 import cv2
 import pytest
+import yaml
 from commands import oaisys_here
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, messages_of_samples
 from rosbags.highlevel import AnyReader
+from served_simulator import MOUNDS
 
 from tools import second_mapper
 
@@ -24,7 +26,7 @@ pytestmark = pytest.mark.ros
 
 WORLD = """
 seed: 4
-stage: {extent_m: 30, resolution_px: 151}
+stage: {extent_m: 30, resolution_px: 301}
 materials: {texture_size_px: 64, mask: {size_px: 128}}
 assets: {rocks: [{count: [60, 60], size_m: [0.3, 1.0]}]}
 """
@@ -78,6 +80,25 @@ def survey(world: Path, out: Path, domain_id: int, *more: str) -> subprocess.Com
     )
 
 
+@pytest.mark.usefixtures("no_process_left")
+def test_a_small_survey_closes(tmp_path: Path, ros_domain_id: int) -> None:
+    config, out = tmp_path / "world.yaml", tmp_path / "out"
+    config.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
+    options = ("--seed", "1", "--views", "2", "--size", "160x120", "--no-faults")
+    result = survey(config, out, ros_domain_id, *options)
+    assert result.returncode == 0, result.stderr
+    assert "the map agrees with the true surface" in result.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert figures["closed"] is True
+    assert (figures["views"], figures["seed"], figures["backend"]) == (2, 1, "analytic")
+    assert figures["rmse_m"] < 0.05
+    assert "The map agrees with the true surface" in (out / "report.html").read_text(
+        encoding="utf-8"
+    )
+    _check_bag(out / "bag", views=2)
+
+
+@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_closes_and_leaves_everything_behind(
     world: Path, tmp_path: Path, ros_domain_id: int
