@@ -56,10 +56,8 @@ def test_every_example_is_valid_and_says_what_it_shows(path: Path) -> None:
 @pytest.mark.blender
 @pytest.mark.parametrize("topic", TOPICS)
 def test_examples_render(topic: str) -> None:
-    paths = [str(path) for path in EXAMPLES if path.stem.partition("_")[0] == topic]
-
-    found = in_blender("examples.rendered", paths, SAMPLES)
-
-    assert len(found) == len(paths)
-    for name, images in found.items():
-        check(name, images)
+    paths = [path for path in EXAMPLES if path.stem.partition("_")[0] == topic]
+    assert paths
+    for path in paths:
+        # A job each: its deadline is for one example.
+        check(path.stem, in_blender("examples.rendered", [str(path)], SAMPLES)[path.stem])
