@@ -92,6 +92,12 @@ class Page:
             self._call("Input.dispatchKeyEvent", type=kind, code=code, key=key)
             time.sleep(pause_s)
 
+    def click_at(self, x_px: int, y_px: int) -> None:
+        """Press and release the mouse at a place in the window."""
+        for kind in ("mousePressed", "mouseReleased"):
+            place = {"x": x_px, "y": y_px, "button": "left", "clickCount": 1}
+            self._call("Input.dispatchMouseEvent", type=kind, **place)
+
     def click_button(self, label: str) -> None:
         """Click the button of a label, once there is one."""
         button = f"[...document.querySelectorAll('button')].find(b => b.innerText === {label!r})"
@@ -102,9 +108,10 @@ class Page:
         """Type into the text field beside a label, as a person does, in place of what it has."""
         found = self.value(
             f"""(label => {{
+                const typed = "input:not([type=hidden])";
                 let place = label;
-                while (place && !place.querySelector("input")) place = place.parentElement;
-                const field = place.querySelector("input");
+                while (place && !place.querySelector(typed)) place = place.parentElement;
+                const field = place.querySelector(typed);
                 field.focus();
                 field.select();
                 return true;
@@ -112,6 +119,30 @@ class Page:
         )
         assert found, f"no field {label!r}"
         self._call("Input.insertText", text=text)
+
+    def choose(self, label: str, option: str) -> None:
+        """Choose an option of the list beside a label."""
+        self.fill_in(label, option)
+        options = "[...document.querySelectorAll('[role=option]')]"
+        found = f"{options}.find(each => each.innerText === {option!r})"
+        self.wait_for(f"!!{found}")
+        self.value(f"{found}.click()")
+
+    def tick(self, label: str) -> None:
+        """Click the box beside a label."""
+        self.value(
+            f"""(label => {{
+                let place = label;
+                while (!place.querySelector("[type=checkbox]")) place = place.parentElement;
+                place.querySelector("[type=checkbox]").click();
+            }})([...document.querySelectorAll("label")].find(l => l.innerText === {label!r}))"""
+        )
+
+    def unfold(self, title: str) -> None:
+        """Click a title that hides what is below it."""
+        shown = f"[...document.querySelectorAll('*')].filter(e => e.innerText === {title!r})"
+        self.wait_for(f"{shown}.length > 0")
+        self.value(f"{shown}.pop().click()")
 
     def picture(self) -> NDArray[np.uint8]:
         """Return the window as (H, W, 3) RGB."""

@@ -26,6 +26,7 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
+from oaisys_mapping.report.figure_names import figure_name
 from oaisys_mapping.report.mesh_viewer import decimate, layers_of, pack_mesh
 from oaisys_mapping.report.three_js import load_three
 
@@ -217,6 +218,7 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("oaisys_mapping", "templates"), autoescape=True
     )
+    environment.filters["figure_name"] = figure_name
     depth_m = [view.depth_m for view in report.views if view.depth_m is not None]
     legend = [
         (name, "#" + pictures.label_color(semantic_id, report.labels).tobytes().hex())

@@ -12,7 +12,6 @@ from typing import Any, Self
 
 import cv2
 import numpy as np
-import trimesh
 import viser
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from oaisys_mapping.report import pictures
 from oaisys_mapping.report.bad_messages import BadMessages
 from oaisys_mapping.report.mesh_viewer import decimate
 from oaisys_mapping.report.page_guard import PageGuard
+from oaisys_mapping.report.unlit_mesh import unlit_glb
 
 MAX_CAMERAS = 200
 """Cameras that are shown; the oldest ones are removed."""
@@ -97,6 +97,7 @@ class WebViewer:
         scene = self._server.scene
         scene.set_up_direction("+z")
         scene.world_axes.visible = True
+        scene.configure_environment_map(None)  # it would be added to the mesh's own colours
         self._server.initial_camera.position = OVERVIEW_M
         self._server.initial_camera.look_at = (0.0, 0.0, 0.0)
         gui = self._server.gui
@@ -165,11 +166,8 @@ class WebViewer:
         if not len(mesh.triangles):
             return
         shown = decimate(mesh, MAX_TRIANGLES)
-        solid = trimesh.Trimesh(
-            shown.vertices_m, shown.triangles, vertex_colors=shown.colors_rgb, process=False
-        )
-        self._mesh = self._server.scene.add_mesh_trimesh(
-            "/mesh", solid, visible=self._checkboxes["mesh"].value
+        self._mesh = self._server.scene.add_glb(
+            "/mesh", unlit_glb(shown), visible=self._checkboxes["mesh"].value
         )
 
     def clear(self) -> None:

@@ -81,7 +81,7 @@ class LiveSession:
         self._changes = ModuleMetadata()
         self._sample: Sample | None = None
         self._quality = ""
-        self._moved_s = 0.0
+        self._moved_s = self._render_s = 0.0
         self._stops = 0
         self._T_map_camera = np.eye(4)
         self._actions: dict[Action, Callable[..., None]] = {
@@ -202,7 +202,8 @@ class LiveSession:
         if change is not None:
             self._changes = self._changes.with_update(change)
         self._page.show_picture(images_of(sample))
-        self._say(time.monotonic() - began_s)
+        self._render_s = time.monotonic() - began_s
+        self._say()
         self._record(sample)
 
     def _record(self, sample: Sample) -> None:
@@ -215,15 +216,13 @@ class LiveSession:
             self._end_bag().close()
             raise
 
-    def _say(self, seconds: float) -> None:
+    def _say(self) -> None:
         x_m, y_m, z_m = self._T_map_camera[:3, 3]
         sample = self._present_sample()
         world = f"world {sample.batch_id}, seed {sample.provenance.batch_seed}"
         recording = "" if self._bag is None else ", recording"
-        self._page.say(
-            f"{world}: {self._quality} in {seconds:.2f} s from ({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m"
-            f"{recording}"
-        )
+        seen = f"{self._quality} in {self._render_s:.2f} s from ({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m"
+        self._page.say(f"{world}: {seen}{recording}")
 
     def _tell(self, error: OaisysError) -> None:
         """Say what went wrong, and drop what the driver asked for meanwhile."""
@@ -237,7 +236,6 @@ class LiveSession:
 
     def _new_world(self, seed: int, preset: str) -> None:
         custom: dict[str, Any] = {"stage": {"preset": preset}} if preset else {}
-
         self._client.step_batch(
             seed=seed, metadata=ModuleMetadata(custom=custom), on_progress=self._show_building
         )
@@ -283,6 +281,7 @@ class LiveSession:
         self._page.show_recording(is_on=True)
         self._page.note("Recording", str(self._bag.folder))
         self._record(self._present_sample())
+        self._say()
 
     def _stop_bag(self) -> None:
         if self._bag is not None:
@@ -292,6 +291,7 @@ class LiveSession:
         bag, self._bag = self._bag, None
         assert bag is not None
         self._page.show_recording(is_on=False)
+        self._say()
         return bag
 
     def _present_sample(self) -> Sample:

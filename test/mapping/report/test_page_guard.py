@@ -5,11 +5,14 @@ from __future__ import annotations
 import http.client
 import logging
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 import viser
 from browser import browser_page
+from numpy.typing import NDArray
 from waiting import PATIENCE_S
 from websockets.datastructures import Headers
 from websockets.exceptions import InvalidStatus
@@ -18,6 +21,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 from oaisys_core.errors import OaisysError
+from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report.page_guard import PageGuard
 from oaisys_mapping.report.web_viewer import WebViewer
 
@@ -137,3 +141,27 @@ def test_a_browser_shows_the_page(page: str, tmp_path) -> None:
         browser.open(page)
         browser.wait_for("document.body.innerText.includes('Waiting for a view.')")
         assert browser.errors == []
+
+
+COLOR = (180, 120, 60)
+TONE_TOLERANCE = 20
+"""By how much the page's tone mapping changes a colour; lit once more, it was changed by 185."""
+
+
+def test_a_mesh_is_shown_in_the_colours_that_it_has(tmp_path: Path) -> None:
+    corners_m = 40.0 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+    triangles = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
+    colors_rgb = np.full((4, 3), COLOR, np.uint8)
+
+    def has_color(shown: NDArray[np.uint8]) -> bool:
+        off = np.abs(shown.astype(int) - COLOR).max(axis=-1)
+        return bool((off <= TONE_TOLERANCE).mean() > 0.1)
+
+    with (
+        WebViewer("127.0.0.1", 0, 10.0) as viewer,
+        browser_page(tmp_path, (500, 400)) as browser,
+    ):
+        viewer.set_mesh(ColoredMesh(corners_m, triangles, colors_rgb))
+        browser.open(viewer.url)
+        browser.wait_for("document.body.innerText.includes('Waiting for a view.')")
+        browser.wait_until_shown(has_color)

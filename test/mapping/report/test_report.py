@@ -20,6 +20,7 @@ from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
 from oaisys_mapping.report.drive_report import log_depth_pictures
+from oaisys_mapping.report.figure_names import figure_name
 from oaisys_mapping.report.mesh_viewer import Layer, decimate, pack_mesh
 from oaisys_mapping.report.report import SurveyReport, ViewRecord, write_report
 from oaisys_mapping.report.three_js import FOLDER_VARIABLE, load_three
@@ -80,7 +81,7 @@ def test_the_page_is_self_contained(written: Path) -> None:
     parts = (
         "The map agrees with the true surface",
         "20.0 mm",
-        "✓ rmse_m",
+        "✓ RMSE, m",
         "at most 0.05",
         "oaisys survey --seed 1",
         "seed: 1",
@@ -95,6 +96,29 @@ def test_the_page_is_self_contained(written: Path) -> None:
     without_data = re.sub(r"[A-Za-z0-9+/=]{200,}", "", page)
     assert "http" not in without_data
     assert len(without_data) < 100_000
+
+
+def test_the_page_leads_with_the_mesh_and_folds_what_few_read(written: Path) -> None:
+    page = (written / "report.html").read_text(encoding="utf-8")
+    parts = ('alt="The mesh', "The views, as received", "The map agrees", "20.0 mm", "<details>")
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+    assert page.index("Expected and found") < places[-1] < page.index("Completion share")
+
+
+@pytest.mark.parametrize(
+    ("key", "name"),
+    [
+        ("rmse_m", "RMSE, m"),
+        ("surveyed_area_m2", "Surveyed area, m²"),
+        ("f_score", "F-score"),
+        ("least_iou", "Least IoU"),
+        ("seconds_per_view", "Seconds per view"),
+        ("m", "M"),
+    ],
+)
+def test_figures_have_names_with_units(key: str, name: str) -> None:
+    assert figure_name(key) == name
 
 
 @pytest.fixture
@@ -197,7 +221,7 @@ def test_a_missed_threshold_is_shown_in_both_reports(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "does not agree with the true surface" in page
     assert figures["missed"][0] in page
-    assert "✗ rmse_m" in page
+    assert "✗ RMSE, m" in page
 
 
 def test_a_survey_with_lost_samples_does_not_close(tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,8 @@ import numpy as np
 import pytest
 import yaml
 from browser import Page, browser_page
+from mcap_ros2.reader import read_ros2_messages
+from numpy.typing import NDArray
 from PIL import Image
 from raw_browser import RawBrowser
 from served_simulator import FLAT_WORLD
@@ -27,6 +31,12 @@ HOSTILE = "<img src=x onerror=document.title='owned'>"
 COMMAND = [sys.executable, "-P", "-m", "oaisys_core", "live", "--port", "0"]
 LABEL = {"label": HOSTILE, "semantic_id": 7}
 WORLD = FLAT_WORLD | {"environment": {"ground_beyond_label": LABEL}}
+CAMERA_HEIGHT_M = 1.5
+"""Of the rover's camera above the ground, which is the plane z = 0."""
+
+HAZE_M = 100.0
+IN_THE_PICTURE_PX = (310, 300)
+"""A place in the browser's window between the panels."""
 
 
 @contextmanager
@@ -56,6 +66,38 @@ def shows(page: Page, text: str) -> None:
 def side_image(page: Page) -> str:
     """The source of the first image beside the window."""
     return str(page.value("document.querySelector('img').src"))
+
+
+def picture_of_which(
+    page: Page, files: Path, holds: Callable[[NDArray[np.uint8]], bool]
+) -> NDArray[np.uint8]:
+    """Have the page take pictures until something holds of one, (H, W, 3), and return that."""
+
+    def picture() -> tuple[NDArray[np.uint8]] | None:
+        taken = len(list(files.glob("*.png")))
+        page.click_button("Take a picture")
+        path = files / f"picture_{taken + 1:04d}.png"
+        wait_until(path.exists)
+        with Image.open(path) as image:
+            pixels = np.asarray(image, np.uint8)
+        return (pixels,) if holds(pixels) else None
+
+    return wait_until(picture)[0]
+
+
+def horizon_contrast(picture: NDArray[np.uint8]) -> float:
+    """How much darker the ground is than the sky, in a view whose horizon is between rows 8 and 12.
+
+    Haze takes it away: contrast falls with the distance, to 2 % at the visual range.
+    """
+    sky, ground = picture[4:8].mean(), picture[12:16].mean()
+    return float((sky - ground) / sky)
+
+
+def ground_share(window: NDArray[np.uint8]) -> float:
+    """The share of a window, (H, W, 3), in the browns of the ground: neither grey nor blue."""
+    red, blue = window[..., 0].astype(int), window[..., 2].astype(int)
+    return float(((red - blue) > 15).mean())
 
 
 @pytest.mark.long
@@ -97,6 +139,78 @@ def test_a_person_flies_makes_a_world_and_keeps_a_picture(tmp_path):
         assert hosts == {urlsplit(url).netloc}
         process.send_signal(signal.SIGINT)
         assert process.wait(START_PATIENCE_S) == 0
+
+
+@pytest.mark.long
+@pytest.mark.ros
+def test_a_person_changes_the_light_drives_and_keeps_what_is_seen(tmp_path):
+    config, files = tmp_path / "world.yaml", tmp_path / "files"
+    config.write_text(yaml.safe_dump(FLAT_WORLD))
+    with (
+        live_page(tmp_path, "--config", str(config)) as (_, url),
+        browser_page(tmp_path / "browser", (700, 560)) as page,
+    ):
+        page.open(url)
+        shows(page, "draft in ")
+        page.click_button("Record a bag")
+        shows(page, "recording")
+        page.unfold("Light")
+        bright = picture_of_which(page, files, lambda picture: np.ptp(picture) > 20)
+        page.fill_in("exposure, stops", "-4")
+        page.tick("automatic exposure")
+        dark = picture_of_which(page, files, lambda each: each.mean() < 0.5 * bright.mean())
+        page.fill_in("visibility, km", str(HAZE_M / 1000))
+        step = horizon_contrast(dark)
+        picture_of_which(page, files, lambda each: horizon_contrast(each) < 0.5 * step)
+        page.fill_in("time", "2026-06-21T12:00:00")
+        page.click_button("Sun by time and place")
+        shows(page, "a time with its zone")
+        page.fill_in("sun height, deg", "12")
+        page.choose("vehicle", "drive the rover")
+        shows(page, f", {CAMERA_HEIGHT_M}) m")
+        page.click_at(*IN_THE_PICTURE_PX)
+        page.hold_key("KeyW", "w", 1.0)
+        page.wait_for("!document.body.innerText.includes('from (-9.0, -6.0,')")
+        shows(page, f", {CAMERA_HEIGHT_M}) m")
+        for count in (1, 2):
+            page.click_button("Keep the pose for a survey")
+            shows(page, f"{count} poses")
+        page.click_button("Export the configuration")
+        shows(page, "config_0001.yaml")
+        page.click_button("End the bag")
+        shows(page, "messages")
+        assert page.errors == []
+    exported = yaml.safe_load((files / "config_0001.yaml").read_text())
+    assert exported["environment"]["sun_elevation_deg"] == 12
+    assert exported["environment"]["haze"]["visibility_m"] == HAZE_M
+    assert exported["render"]["exposure_ev"] == -4
+    rows = list(csv.DictReader((files / "survey_0001.csv").open(newline="")))
+    assert [float(row["z_m"]) for row in rows] == [pytest.approx(CAMERA_HEIGHT_M)] * 2
+    (bag,) = (files / "bag_0001" / "bag").glob("*.mcap")
+    topics = Counter(each.channel.topic for each in read_ros2_messages(str(bag)))
+    assert topics["/camera/color/image_raw"] == topics["/camera/depth/image_raw"] >= 4
+
+
+@pytest.mark.long
+def test_the_map_grows_where_the_camera_has_been(tmp_path):
+    config = tmp_path / "world.yaml"
+    config.write_text(yaml.safe_dump(WORLD))
+    with (
+        live_page(tmp_path, "--config", str(config)) as (_, url),
+        browser_page(tmp_path / "browser", (700, 560)) as page,
+    ):
+        page.open(url)
+        shows(page, "1 views; ")
+        page.unfold("cloud")
+        page.choose("window shows", "map")
+        first = ground_share(page.wait_until_shown(lambda shown: ground_share(shown) > 0.02))
+        page.choose("window shows", "picture")
+        page.click_at(*IN_THE_PICTURE_PX)
+        page.hold_key("KeyW", "w", 1.0)
+        shows(page, "2 views; ")
+        page.choose("window shows", "map")
+        page.wait_until_shown(lambda shown: ground_share(shown) > 1.2 * first)
+        assert page.errors == []
 
 
 def hostile_cameras() -> Iterator[dict[str, Any]]:
