@@ -2,9 +2,9 @@
 
     python examples/06_survey.py [WORLD.yaml]
 
-`run_survey` starts server, bridge, mapper and recorder as processes of their own, looks down from
-a grid of viewpoints through the ROS service, and measures the rebuilt surface against the true
-one. The folder gets report.html, report.json, mesh.ply and certificate.json (docs/certificate.md).
+`run_survey` starts server, bridge, mapper and recorder as processes of their own. It looks down
+from a grid of viewpoints through the ROS service. Then it measures the rebuilt surface against the
+true one. The folder gets report.html, report.json, mesh.ply and certificate.json (docs/certificate.md).
 """
 
 import argparse
