@@ -4,7 +4,8 @@ Open3D and ``bpy`` both contain a ``libtbb.so.12``, and a process can only load 
 name. With Python 3.13, Blender's is newer, and ``bpy`` cannot be imported after Open3D has loaded
 its own. If ``bpy`` is installed, an import hook loads Blender's library just before Open3D is
 imported; Open3D works with both. Open3D imports a web framework, Dash, for a function that draws
-meshes with Plotly. The hook puts that off until somebody calls the function.
+meshes with Plotly. The hook puts that off until somebody calls the function. Open3D expects
+libusb of the system; where there is none, the hook loads that of the package libusb-package.
 
 Private part: the file ``lib/libtbb.so.12`` in ``bpy``, and Open3D's module
     ``open3d.visualization.draw_plotly`` with the functions that Open3D imports from it.
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from ctypes import CDLL
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
@@ -28,6 +30,7 @@ from typing import Any
 from oaisys_core.system.fallbacks import report_fallback
 
 LIBRARY = "libtbb.so.12"
+LIBUSB = "libusb-1.0.so.0"
 PLOTS = "open3d.visualization.draw_plotly"
 PLOT_FUNCTIONS = "get_plotly_fig", "draw_plotly", "draw_plotly_server"
 """What Open3D imports from `PLOTS` when it is imported itself."""
@@ -42,6 +45,7 @@ class Open3DGuard(MetaPathFinder):
         """Load the library if ``fullname`` is Open3D; other finders do the import."""
         if fullname == "open3d":
             load_blender_library()
+            load_libusb()
             _check_plots()
         if fullname == PLOTS and (found := PathFinder.find_spec(fullname, path)) is not None:
             return spec_from_loader(fullname, _DeferredPlots(found))
@@ -91,6 +95,20 @@ def _check_plots() -> None:
     if folders and not any(Path(folder, *names).with_suffix(".py").is_file() for folder in folders):
         reason, instead = f"there is no {PLOTS}", "its import takes a second longer, for Dash"
         report_fallback("Open3D's module that imports Dash", reason, instead)
+
+
+def load_libusb() -> None:
+    """Load libusb, the system's or the package's; report where there is neither."""
+    with suppress(OSError):
+        CDLL(LIBUSB)
+        return
+    found = find_spec("libusb_package")
+    for folder in (found.submodule_search_locations if found else None) or ():
+        if (library := Path(folder, "libusb-1.0.so")).is_file():
+            CDLL(str(library))
+            return
+    reason, instead = f"there is no {LIBUSB}", "Open3D needs it: `pip install libusb-package`"
+    report_fallback("libusb", reason, instead)
 
 
 def load_blender_library() -> Path | None:

@@ -93,6 +93,17 @@ def test_an_open3d_without_that_module_is_imported_all_the_same() -> None:
     assert ended.stderr.count("Open3D's module that imports Dash cannot be used") == 1
 
 
+def test_a_machine_without_libusb_uses_that_of_the_package_or_says_what_to_install() -> None:
+    """The system's is hidden by another name; the library itself says which one it is."""
+    system = "import oaisys_core.private.open3d_import as n; n.LIBUSB = 'libusb-nowhere.so'"
+    loaded = "print([line for line in open('/proc/self/maps') if 'libusb' in line])"
+    ended = ran(system, "n.load_libusb()", loaded)
+    assert "libusb_package/libusb-1.0.so" in ended.stdout
+    ended = ran(system, "n.find_spec = lambda name: None", "n.load_libusb()")
+    assert "there is no libusb-nowhere.so" in ended.stderr
+    assert "pip install libusb-package" in ended.stderr
+
+
 def test_there_is_one_guard() -> None:
     guard_open3d()
     guard_open3d()
