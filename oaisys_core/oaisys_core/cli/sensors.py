@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from oaisys_core.cli.standard_output import write_or_print
+from oaisys_core.files.folders import make_folder
 
 sensors_app = typer.Typer(
     help="Configure sensors from files of others.", no_args_is_help=True, add_completion=False
@@ -62,6 +63,8 @@ def import_(
     """
     from oaisys_core.config import config_from_mapping
 
+    if out is not None:
+        make_folder(out.parent)
     heading, sections, notes = _read(file, out, base, model, packages or ())
     folder = Path() if out is None else out.parent
     config_from_mapping(sections, base=folder)

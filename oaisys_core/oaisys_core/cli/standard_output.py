@@ -13,11 +13,12 @@ from typing import TextIO
 import typer
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.folders import make_folder
 from oaisys_core.files.whole_files import write_whole_text
 
 
 def write_or_print(text: str, out: Path | None) -> None:
-    """Write a text to a file as a whole, or to standard output without one.
+    """Write a text to a file as a whole, whose folder is made, or to standard output without one.
 
     Raises:
         InvalidInputError: The file cannot be written.
@@ -25,6 +26,7 @@ def write_or_print(text: str, out: Path | None) -> None:
     if out is None:
         typer.echo(text, nl=False)
         return
+    make_folder(out.parent)
     try:
         write_whole_text(out, text)
     except OSError as error:

@@ -24,7 +24,7 @@ cam0:
 
 def test_a_chain_becomes_a_section_with_what_was_assumed(tmp_path: Path) -> None:
     (tmp_path / "camchain.yaml").write_text(CHAIN)
-    out = tmp_path / "sensors.yaml"
+    out = tmp_path / "not yet" / "sensors.yaml"
     result = CliRunner().invoke(
         sensors_app, ["import", str(tmp_path / "camchain.yaml"), "--out", str(out)]
     )
