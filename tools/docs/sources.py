@@ -10,6 +10,8 @@ from tools.docs.api_pages import api_pages
 from tools.docs.command_page import command_page
 from tools.docs.contract_page import contract_page
 from tools.docs.links import SiteLinks
+from tools.docs.notebook_pages import FOLDER as NOTEBOOK_FOLDER
+from tools.docs.notebook_pages import notebook_files, notebook_pages
 from tools.docs.tutorial_pages import tutorial_pages
 from tools.programs import ROOT
 
@@ -64,6 +66,8 @@ def _places() -> Iterator[tuple[Path, Path]]:
     for path in sorted((ROOT / "docs").rglob("*")):
         if path.suffix == ".md" or path.suffix in PICTURES:
             yield path.relative_to(ROOT), path.relative_to(ROOT / "docs")
+    for path in notebook_files():
+        yield path.relative_to(ROOT), NOTEBOOK_FOLDER / path.name
 
 
 def _written_pages() -> Iterator[tuple[str, str]]:
@@ -72,3 +76,4 @@ def _written_pages() -> Iterator[tuple[str, str]]:
     yield "reference/grpc.md", contract_page()
     yield from api_pages()
     yield from tutorial_pages()
+    yield from notebook_pages()

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from tools.docs.notebook_pages import NOTEBOOKS
 from tools.programs import ROOT
 
 EXAMPLES = ROOT / "examples"
@@ -15,7 +16,7 @@ PICTURES = ROOT / "docs" / "tutorials"
 INDEX = """# Tutorials
 
 Each tutorial is a program of some forty lines in `examples/`. The tests run all of them.
-Pictures are made by running them.
+Pictures are made by running them. The first three are also notebooks, for Jupyter.
 """
 
 
@@ -46,4 +47,7 @@ def _page(file: Path) -> str:
     shown = [f"![What it shows]({picture.name})\n"] if picture.is_file() else []
     parts = [f"# {_title(file)}\n", _docstring(file) + "\n", *shown]
     title = f"examples/{file.name}"
-    return "\n".join([*parts, f'```python title="{title}"\n{code}\n```\n'])
+    parts.append(f'```python title="{title}"\n{code}\n```\n')
+    if (NOTEBOOKS / f"{file.stem}.ipynb").is_file():
+        parts.append(f"The same, step by step: [as a notebook](notebooks/{file.stem}.md).\n")
+    return "\n".join(parts)
