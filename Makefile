@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery pictures wheels bench test test-full soak bench-test fuzz lint format schema licences contract docs docs-serve clean
+.PHONY: help setup demo gallery pictures site-pictures wheels bench test test-full soak bench-test fuzz lint format schema licences contract docs docs-serve clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -44,6 +44,9 @@ gallery: setup ## Render every example and texture set with its labels: out/gall
 
 pictures: demo ## Make the README's pictures from six worlds and the demo's survey
 	@$(IN_ENV) python -m tools.gallery.readme $(PICTURES_ARGS)
+
+site-pictures: setup ## Make the site's small pictures of names and keys (SITE_PICTURES_ARGS='textures --missing')
+	@$(IN_ENV) python -m tools.gallery.names $(SITE_PICTURES_ARGS)
 
 wheels: setup ## Build the wheels of all packages: out/wheels
 	@$(IN_ENV) python -m tools.wheels out/wheels

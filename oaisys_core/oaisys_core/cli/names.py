@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,8 +24,8 @@ HEAD = """# Names
 `stage.preset`. The height differences are those of one stage of 60 m, whose `relief_m` is left to
 the preset (seed 0); most grow with `extent_m`.
 
-| name | height difference | what it is |
-|---|---|---|
+| name | height difference | what it is | |
+|---|---|---|---|
 """
 
 TEXTURES = """
@@ -33,8 +33,8 @@ TEXTURES = """
 
 `materials.layers[].texture`. A layer can have a `folder` of images instead, see below.
 
-| name | tile | what it is |
-|---|---|---|
+| name | tile | what it is | |
+|---|---|---|---|
 """
 
 ROCKS = """
@@ -42,8 +42,8 @@ ROCKS = """
 
 `assets.rocks[].kind`. `size_m` is the length along the longest axis; the others are shares of it.
 
-| name | middle axis | short axis | lies where |
-|---|---|---|---|
+| name | middle axis | short axis | lies where | |
+|---|---|---|---|---|
 """
 
 SHAPES = """
@@ -51,11 +51,13 @@ SHAPES = """
 
 `shape` of scattered objects and movers.
 
-Plants: {plants}.
+{plants}
 
-| vehicle | what it is |
-|---|---|
+| vehicle | what it is | |
+|---|---|---|
 """
+
+PLANT_COLUMNS = 3
 
 FOLDERS = """
 ## Folders of textures
@@ -98,14 +100,11 @@ COLUMNS = {
 RECIPES = """
 ## Recipes
 
-An overcast day: a plain grey sky, and a weak sun as wide as a bright patch of cloud, so that
-shadows are soft. `environment.clouds` draws clouds, but leaves the light of a clear day.
+An overcast day, without a hard shadow. `environment.clouds` draws clouds, but leaves the light of
+a clear day.
 
 ```yaml
-environment:
-  sky: {model: plain, zenith_srgb: [0.72, 0.74, 0.77], horizon_srgb: [0.84, 0.85, 0.86]}
-  sun_strength_w_m2: 0.4
-  sun_angular_diameter_deg: 60
+environment: {sun_elevation_deg: 30, sky: {model: overcast}, haze: {visibility_m: 9000}}
 ```
 
 One crater of a chosen depth. Its width is five times the depth (`relief_m`); its place is drawn
@@ -159,14 +158,21 @@ def names_text(relief_m: Mapping[str, float]) -> str:
     from oaisys_core.procedural.textures import map_names
     from oaisys_core.procedural.textures.library import RECIPES as SETS
 
-    terrains = [(f"`{n}`", f"{relief_m[n]:.1f} m", _meaning(PRESETS[n])) for n in sorted(PRESETS)]
-    textures = [(f"`{n}`", f"{SETS[n].tile_m:g} m", _meaning(SETS[n].make)) for n in sorted(SETS)]
-    rocks = [
-        (f"`{n}`", *("{:g} to {:g}".format(*axis) for axis in STYLES[n].axes), _place(n in ROUNDED))
-        for n in sorted(STYLES)
+    terrains = [
+        (f"`{n}`", f"{relief_m[n]:.1f} m", _meaning(PRESETS[n]), _picture("terrains", n))
+        for n in sorted(PRESETS)
     ]
-    plants = ", ".join(f"`{n}`" for n in sorted(PLANTS))
-    vehicles = [(f"`{n}`", _meaning(made)) for n, made in sorted(VEHICLES.items())]
+    textures = [
+        (f"`{n}`", f"{SETS[n].tile_m:g} m", _meaning(SETS[n].make), _picture("textures", n))
+        for n in sorted(SETS)
+    ]
+    axes = {n: ["{:g} to {:g}".format(*axis) for axis in STYLES[n].axes] for n in STYLES}
+    rocks = [
+        (f"`{n}`", *axes[n], _place(n in ROUNDED), _picture("rocks", n)) for n in sorted(STYLES)
+    ]
+    vehicles = [
+        (f"`{n}`", _meaning(made), _picture("vehicles", n)) for n, made in sorted(VEHICLES.items())
+    ]
     maps = [(kind, words) for kind, words in map_names.WORDS.items() if kind != map_names.PACKED]
     packed = [
         (word, *(each or "–" for each in (*channels, "", "", "")[:4]))
@@ -176,7 +182,7 @@ def names_text(relief_m: Mapping[str, float]) -> str:
     suffixes = ", ".join(f"`{each}`" for each in sorted(map_names.SUFFIXES))
     parts = [HEAD, _rows(terrains), TEXTURES, _rows(textures), ROCKS, _rows(rocks)]
     parts += [
-        SHAPES.format(plants=plants),
+        SHAPES.format(plants=_plant_table(sorted(PLANTS))),
         _rows(vehicles),
         FOLDERS.format(suffixes=suffixes),
         _rows(maps),
@@ -192,6 +198,20 @@ def _meaning(maker: Any) -> str:
 
 def _place(is_worn: bool) -> str:
     return "where water runs" if is_worn else "near scarps"
+
+
+def _picture(group: str, name: str) -> str:
+    """Return a picture that `make site-pictures` makes, for a page in ``docs/``."""
+    return f"![{name}](pictures/{group}/{name}.webp)"
+
+
+def _plant_table(names: Sequence[str]) -> str:
+    """Return a table with a picture above each name."""
+    cells = [f"{_picture('plants', name)}<br>`{name}`" for name in names]
+    cells += [""] * (-len(cells) % PLANT_COLUMNS)
+    head = f"| plants |{' |' * (PLANT_COLUMNS - 1)}\n|{'---|' * PLANT_COLUMNS}\n"
+    rows = zip(*(cells[first::PLANT_COLUMNS] for first in range(PLANT_COLUMNS)), strict=True)
+    return (head + _rows(rows)).rstrip()
 
 
 def _rows(rows: Iterable[tuple[str, ...]]) -> str:

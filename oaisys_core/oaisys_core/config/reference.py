@@ -14,7 +14,8 @@ HEAD = """# Configuration
 This page lists every key of the YAML file for `--config`. `make schema` generates it from the code
 that checks the keys. Keys have defaults unless they are marked *required*; unknown keys are errors.
 `oaisys config check FILE` validates a file, `oaisys config show` prints all keys with their values,
-and `config/schema.json` is the same reference for editors.
+and `config/schema.json` is the same reference for editors. [Keys in pictures](looks.md) shows what
+some keys do.
 
 Lengths are in metres, angles in degrees. Pixel centres are at integers, as in OpenCV. A *range* is
 `[least, most]` or a single number for both; the value is drawn uniformly from it.

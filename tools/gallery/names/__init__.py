@@ -1,0 +1,1 @@
+"""Small pictures for the site: one of each name, and two of each key that changes a picture."""
