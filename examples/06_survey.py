@@ -4,7 +4,8 @@
 
 `run_survey` starts server, bridge, mapper and recorder as processes of their own. It looks down
 from a grid of viewpoints through the ROS service. Then it measures the rebuilt surface against the
-true one. The folder gets report.html, report.json, mesh.ply and certificate.json (docs/certificate.md).
+true one. The folder gets report.html, report.json, mesh.ply and certificate.json
+(docs/certificate.md).
 """
 
 import argparse

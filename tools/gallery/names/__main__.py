@@ -41,8 +41,8 @@ def main(
             write_picture(image, out / picture.group / f"{picture.name}.webp")
         for pair in KEY_PAIRS:
             if is_due(PAIRS, pair.name):
-                images = [image for _, image in render_pictures(pair.pictures(), backend, quality)]
-                write_picture(beside(*images), out / PAIRS / f"{pair.name}.webp")
+                (_, left), (_, right) = render_pictures(pair.pictures(), backend, quality)
+                write_picture(beside(left, right), out / PAIRS / f"{pair.name}.webp")
     write_looks_page()
 
 
