@@ -99,6 +99,13 @@ KEY_PAIRS = (
     KeyPair("environment.dust", (0, 8), "Dust makes the sky pale and the light warm.", SKYWARDS),
     KeyPair("environment.sky_strength", (0.2, 3), "How bright the shadows are beside the sun."),
     KeyPair("render.auto_exposure.compensation_ev", (-1.5, 1.5), "Stops on top of the metering."),
+    KeyPair(
+        "render.auto_exposure.albedo_share",
+        (0, 1),
+        "Whether dark ground is shown dark.",
+        ACROSS,
+        {"materials": {"layers": [{"texture": "basalt", "label": "basalt", "semantic_id": 1}]}},
+    ),
     KeyPair("render.view_transform", ("standard", "agx_contrast"), "How radiance becomes colour."),
     KeyPair("render.white_balance", ("daylight", "illuminant"), "At a low sun.", ACROSS, SUNSET),
     KeyPair("render.effects.vignetting", (0, 1), "The corners darken with the angle of view."),
