@@ -55,7 +55,7 @@ def simulation(stage: dict[str, Any], **more: Any) -> Simulation:
 
 
 def rig_m(found: Simulation, samples: int) -> list[tuple[float, ...]]:
-    positions = []
+    positions: list[tuple[float, ...]] = []
     for _ in range(samples):
         found.step_sample()
         pose = found.info().rig_pose

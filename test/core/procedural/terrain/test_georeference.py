@@ -31,7 +31,7 @@ MARS = "+proj=eqc +lat_ts=0 +lon_0=0 +R=3396190 +units=m"
 
 def _turned(angle_deg: float, a: float, e: float, c: float, f: float) -> Affine:
     """Pixels of a by e whose columns go by an angle from x towards y."""
-    return Affine.translation(c, f) * Affine.rotation(angle_deg) * Affine.scale(a, e)
+    return Affine.translation(c, f) @ Affine.rotation(angle_deg) @ Affine.scale(a, e)
 
 
 FILES: dict[str, tuple[str, Affine]] = {
@@ -62,7 +62,7 @@ def write(path: Path, crs: str, transform: Affine, *, bend_px: float = -1.0) -> 
     to_degrees = Transformer.from_crs(system, system.geodetic_crs, always_xy=True)
     columns, rows = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
     bend = max(bend_px, 0.0)
-    at = transform * (columns + bend * _parabola(rows), rows)
+    at = _at(transform, columns + bend * _parabola(rows), rows)
     lon, lat = to_degrees.transform(*at)
     middle = (float(lon[SIZE // 2, SIZE // 2]), float(lat[SIZE // 2, SIZE // 2]))
     geod = system.get_geod()
@@ -74,7 +74,7 @@ def write(path: Path, crs: str, transform: Affine, *, bend_px: float = -1.0) -> 
         del profile["crs"], shape["transform"]
         ends = np.linspace(0, SIZE, 4)
         shape["gcps"] = [
-            GroundControlPoint(row, col, *(transform * (col + bend * _parabola(row), row)))
+            GroundControlPoint(row, col, *_at(transform, col + bend * _parabola(row), row))
             for row in ends
             for col in ends
         ]
@@ -82,6 +82,11 @@ def write(path: Path, crs: str, transform: Affine, *, bend_px: float = -1.0) -> 
     with rasterio.open(path, "w", **profile, **shape) as file:
         file.write(heights.astype(np.float32), 1)
     return middle
+
+
+def _at(transform: Affine, column: Any, row: Any) -> tuple[Any, Any]:
+    a, b, c, d, e, f, *_ = transform
+    return a * column + b * row + c, d * column + e * row + f
 
 
 def _parabola(row: Any) -> Any:
@@ -276,7 +281,7 @@ def test_a_window_of_a_large_file_is_read_alone(tmp_path: Path) -> None:
     path, side, first = tmp_path / "large.tif", 20_000, (12_000, 7_000)
     place = Affine(5.0, 0, 400_000.0, 0, -5.0, 5_300_000.0)
     columns, rows = np.meshgrid(np.arange(512) + 0.5, np.arange(512) + 0.5)
-    x, y = place @ (columns + first[0], rows + first[1])
+    x, y = _at(place, columns + first[0], rows + first[1])
     profile: dict[str, Any] = {"driver": "GTiff", "dtype": "float32", "count": 1, "nodata": -1.0}
     tiles = {"tiled": True, "blockxsize": 256, "blockysize": 256, "SPARSE_OK": True}
     with rasterio.open(

@@ -49,7 +49,7 @@ def residual_px(points: Sequence[Any], transform: Affine) -> float:
     """Return the largest distance, in pixels, of control points from where a map has them."""
     pixels, places = _arrays(points)
     inverse = ~transform
-    found = np.array([inverse * tuple(place) for place in places.tolist()])
+    found = np.array([inverse @ tuple(place) for place in places.tolist()])
     return float(np.hypot(*(found - pixels).T).max())
 
 
