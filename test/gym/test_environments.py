@@ -122,7 +122,7 @@ def test_what_is_no_action_is_refused_and_the_episode_goes_on(name: str, address
     environment = gymnasium.make(
         f"oaisys/{name}-v0", address=address, world_seeds=(3,), disable_env_checker=True
     ).unwrapped
-    size = environment.action_space.shape
+    size = environment.action_space.shape or ()
     with pytest.raises(gymnasium.error.ResetNeeded):
         environment.step(np.zeros(size, np.float32))
     environment.reset(seed=1)
