@@ -107,7 +107,7 @@ class LiveSession:
             raise_if_interrupted()
             self._desk.wait(LOOK_PERIOD_S)
             try:
-                self._do_requests()
+                self._do_request()
                 self._follow_driver()
                 self._take_better_picture()
             except _OvertakenError:
@@ -220,9 +220,8 @@ class LiveSession:
         x_m, y_m, z_m = self._T_map_camera[:3, 3]
         sample = self._present_sample()
         world = f"world {sample.batch_id}, seed {sample.provenance.batch_seed}"
-        recording = "" if self._bag is None else ", recording"
         seen = f"{self._quality} in {self._render_s:.2f} s from ({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m"
-        self._page.say(f"{world}: {seen}{recording}")
+        self._page.say(f"{world}: {seen}{'' if self._bag is None else ', recording'}")
 
     def _tell(self, error: OaisysError) -> None:
         """Say what went wrong, and drop what the driver asked for meanwhile."""
@@ -230,8 +229,9 @@ class LiveSession:
         self._page.say(f"refused: {error}")
         self._page.note("Refused", str(error), is_error=True)
 
-    def _do_requests(self) -> None:
-        while (request := self._desk.take_request()) is not None:
+    def _do_request(self) -> None:
+        """Do one: many clicks must not hold up moves and changes of the light."""
+        if (request := self._desk.take_request()) is not None:
             self._actions[request.action](**request.values)
 
     def _new_world(self, seed: int, preset: str) -> None:
