@@ -158,6 +158,12 @@ EXPLORE = {
         "next_best_view",
         "next_best_view, frontier, grid, random, or an installed package's; all: these four.",
     ),
+    "node": Argument(
+        "", "NAME=COMMAND of a planner that is a program of its own, such as a ROS node."
+    ),
+    "node_silence": Argument(
+        "60.0", "A node is done once it has commanded no view for so long, seconds."
+    ),
     "compare": Argument(
         "false", "Whether all other planners explore the same worlds, too.", SWITCH
     ),
