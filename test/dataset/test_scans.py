@@ -75,8 +75,10 @@ def test_a_split_has_the_scans_of_its_worlds(scanned: Dataset) -> None:
 def test_other_programs_read_the_points_in_a_shard(scanned: Dataset, tmp_path: Path) -> None:
     with tarfile.open(Path(scanned.place.url, tar_name(0))) as tar:
         assert tar.getnames()[-1] == "legend.json"
-        tar.extract("000000_0001_roof.points.pcd", tmp_path, filter="data")
-    cloud = o3d.t.io.read_point_cloud(str(tmp_path / "000000_0001_roof.points.pcd"))
+        points = tar.extractfile("000000_0001_roof.points.pcd")
+        assert points is not None
+        (tmp_path / "roof.pcd").write_bytes(points.read())
+    cloud = o3d.t.io.read_point_cloud(str(tmp_path / "roof.pcd"))
     scan = scanned.scans_beside(scanned.record("000000_0001_camera"))["roof"]
     np.testing.assert_array_equal(cloud.point.positions.numpy(), scan.points_m)
 

@@ -9,7 +9,7 @@ from repository import REPOSITORY
 
 from tools.gallery.names.keys import KEY_PAIRS, PAIRS, KeyPair
 from tools.gallery.names.looks_page import PAGE, looks_text
-from tools.gallery.names.worlds import SIZE_PX, named_pictures
+from tools.gallery.names.worlds import SIZE_PX, all_pictures
 
 FOLDER = REPOSITORY / "docs" / "pictures"
 MOST_BYTES_EACH, MOST_BYTES = 40_000, 3_000_000
@@ -18,7 +18,7 @@ LEAST_DIFFERENCE = 2.0
 
 
 def test_each_name_has_a_picture() -> None:
-    wanted = {f"{each.group}/{each.name}.webp" for each in named_pictures()}
+    wanted = {f"{each.group}/{each.name}.webp" for each in all_pictures()}
     there = {file.relative_to(FOLDER).as_posix() for file in FOLDER.rglob("*.webp")}
     there -= {f"{PAIRS}/{pair.name}.webp" for pair in KEY_PAIRS}
     assert there == wanted, "run `make site-pictures SITE_PICTURES_ARGS=--missing`"

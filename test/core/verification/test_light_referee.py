@@ -10,7 +10,7 @@ import pytest
 from blender_process import skip_without_blender
 
 from tools.bench.child import run_job
-from tools.bench.jobs.light_errors import errors, judged_pixels
+from tools.bench.jobs.light_errors import errors, pixels_to_judge
 from tools.bench.settings import Settings
 from tools.bench.topics.light import RENDERERS, light_figures
 
@@ -45,7 +45,7 @@ def test_light_that_is_wrong_misses_and_edges_do_not_count() -> None:
     theirs["sun_share"][:, 20:] = 0.0
     theirs["radiance"][:, 20:] = 0.1
     theirs["depth_m"][:3] = np.inf
-    judged = judged_pixels(theirs)
+    judged = pixels_to_judge(theirs)
     assert not judged[:, 18:22].any()
     assert not judged[:5].any()
     assert judged[6:, :17].all()

@@ -18,7 +18,7 @@ EDGE_SHARE = 0.03
 
 def errors(ours: FloatArray, theirs: Mapping[str, FloatArray]) -> dict[str, float]:
     """Return the figures of two (H, W) images of radiance."""
-    judged = judged_pixels(theirs)
+    judged = pixels_to_judge(theirs)
     reference = theirs["radiance"][judged]
     relative = np.abs(ours[judged] / reference - 1)
     lit = theirs["sun_share"][judged] == 1
@@ -30,7 +30,7 @@ def errors(ours: FloatArray, theirs: Mapping[str, FloatArray]) -> dict[str, floa
     }
 
 
-def judged_pixels(theirs: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
+def pixels_to_judge(theirs: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
     """Return the (H, W) pixels that show ground with light, off the edges of shadows and things."""
     share, depth_m = theirs["sun_share"], theirs["depth_m"]
     inverse_m = 1 / depth_m

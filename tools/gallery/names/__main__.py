@@ -14,7 +14,7 @@ from oaisys_core.cli.standard_output import own_stdout
 from tools.gallery.names.keys import KEY_PAIRS, PAIRS
 from tools.gallery.names.looks_page import write_looks_page
 from tools.gallery.names.rendering import beside, render_pictures, write_picture
-from tools.gallery.names.worlds import named_pictures
+from tools.gallery.names.worlds import all_pictures
 from tools.programs import ROOT
 
 FOLDER = ROOT / "docs" / "pictures"
@@ -35,7 +35,7 @@ def main(
         there = missing and (out / group / f"{name}.webp").exists()
         return (not groups or group in groups) and only in name and not there
 
-    due = [each for each in named_pictures() if is_due(each.group, each.name)]
+    due = [each for each in all_pictures() if is_due(each.group, each.name)]
     with own_stdout():
         for picture, image in render_pictures(due, backend, quality):
             write_picture(image, out / picture.group / f"{picture.name}.webp")

@@ -105,7 +105,7 @@ class NamedPicture:
         return config_from_mapping(merge(rest, self.config))
 
 
-def named_pictures() -> Iterator[NamedPicture]:
+def all_pictures() -> Iterator[NamedPicture]:
     """Yield the pictures of all names that docs/names.md lists."""
     for name in sorted(PRESETS):
         yield NamedPicture("terrains", name, _terrain(name), ABOVE)

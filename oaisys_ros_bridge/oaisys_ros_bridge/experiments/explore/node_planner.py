@@ -98,7 +98,7 @@ def watch(
     with process:
         while len(result.poses) < limits.views:
             asked_s = time.monotonic()
-            found = client.commanded_view(planner.silence_s, has_exited, VIEW_TIMEOUT_S)
+            found = client.wait_for_commanded_view(planner.silence_s, has_exited, VIEW_TIMEOUT_S)
             if found is None:
                 _require_success(process)
                 break

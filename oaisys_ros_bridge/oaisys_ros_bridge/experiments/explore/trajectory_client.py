@@ -111,7 +111,7 @@ class TrajectoryClient(PlannerClient):
             render_s = self._infos[stamp_ns].render_time
             return ReceivedView(images, render_s, service_s, stamp_ns), self._frames[stamp_ns]
 
-    def commanded_view(
+    def wait_for_commanded_view(
         self, silence_s: float, is_over: Callable[[], bool], timeout_s: float
     ) -> tuple[ReceivedView, Pose] | None:
         """Return the next view that another node has commanded, and the rig's pose.

@@ -15,7 +15,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.environment.earthshine import lambert_phase
 from oaisys_core.simulation import Simulation
 
-pytest.importorskip("skyfield", reason="the ephemeris is an extra")
+pytest.importorskip("skyfield", reason="the ephemeris is an extra", exc_type=ModuleNotFoundError)
 
 NEW_MOON = "2024-04-08T18:21:00Z"
 """Greatest eclipse of the sun; the Moon was 359,800 km from Earth's centre (NASA)."""

@@ -12,7 +12,7 @@ from oaisys_core.procedural.textures.baking.placements import (
     Placements,
     above_ground,
     leaning,
-    turned,
+    turn_stamp,
 )
 from oaisys_core.procedural.textures.baking.stamps import OUTSIDE, Stamps
 from oaisys_core.types import FloatArray
@@ -185,7 +185,7 @@ class Bed:
         image = stamps.level_for(radius)[placed.shape[0]]
         half = int(np.ceil(radius)) + 1
         window = self._window(int(row), int(column), half)
-        dome = turned(image, placed, half)
+        dome = turn_stamp(image, placed, half)
         dome[dome > 0] *= laying.flatness
         inside = dome > INSIDE
         if not inside.any():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from oaisys_core.procedural.terrain.noise import Field
@@ -53,7 +52,7 @@ def swell(size_px: int, cells: int, rng: np.random.Generator, rough: float = 1.8
     """Return `fields.tile_noise` without what is smaller than `COARSE` texels, in less time."""
     if size_px % COARSE or size_px // COARSE < MIN_COARSE_PX:
         return fields.tile_noise(size_px, cells, rng, rough)
-    return enlarged(fields.tile_noise(size_px // COARSE, cells, rng, rough), COARSE)
+    return enlarge(fields.tile_noise(size_px // COARSE, cells, rng, rough), COARSE)
 
 
 COARSE, MIN_COARSE_PX = 4, 64
@@ -75,14 +74,16 @@ def at_half(size_px: int, make: Callable[[int], Field]) -> Field:
     """Return a (N, N) field that is made at half of its resolution, if that is enough for it."""
     if size_px % 2 or size_px < 4 * MIN_COARSE_PX:
         return make(size_px)
-    return enlarged(make(size_px // 2), 2)
+    return enlarge(make(size_px // 2), 2)
 
 
-def enlarged(field: Field, factor: int) -> Field:
+def enlarge(field: Field, factor: int) -> Field:
     """Return a tileable field at a multiple of its resolution."""
     pad = 2
     wrapped = np.pad(field, pad, mode="wrap")
     size = len(wrapped) * factor
+    import cv2
+
     large = cv2.resize(wrapped, (size, size), interpolation=cv2.INTER_CUBIC)
     edge = pad * factor
     return np.ascontiguousarray(large[edge:-edge, edge:-edge])
@@ -94,8 +95,10 @@ def wide_blur(field: Field, sigma_px: float) -> Field:
     if sigma_px < 2 * COARSE or size_px % COARSE:
         return fields.blur(field, sigma_px)
     size = (size_px // COARSE,) * 2
+    import cv2
+
     small = cv2.resize(field, size, interpolation=cv2.INTER_AREA)
-    return enlarged(fields.blur(small, sigma_px / COARSE), COARSE)
+    return enlarge(fields.blur(small, sigma_px / COARSE), COARSE)
 
 
 def sky_share(height: Field, radii: tuple[float, ...]) -> Field:

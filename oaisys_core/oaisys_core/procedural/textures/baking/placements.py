@@ -34,7 +34,7 @@ class Placements(NamedTuple):
         return Placements(*parts)
 
 
-def turned(image: NDArray[np.float32], placed: Placements, half: int) -> NDArray[np.float32]:
+def turn_stamp(image: NDArray[np.float32], placed: Placements, half: int) -> NDArray[np.float32]:
     """Return the (W, W) heights of a stamp around the texel that its centre is in.
 
     OpenCV's versions round such coordinates in ways of their own; this is the same everywhere.

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
-import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from oaisys_core import randomness
 from oaisys_core.procedural.scatter.rocks import fine_rock
@@ -57,6 +56,8 @@ class Stamps(NamedTuple):
 
 def cast_stamps(meshes: Sequence[TriangleMesh], cast_px: int = CAST_PX) -> Stamps:
     """Cast meshes from above."""
+    import cv2
+
     heights = np.stack([cast_from_above(mesh, cast_px) for mesh in meshes])
     levels = [heights]
     while (size := levels[-1].shape[1] // 2) >= MIN_PX:
@@ -94,5 +95,5 @@ def cast_rocks(kind: str) -> Stamps:
 
 def _lying(kind: str, rng: np.random.Generator, subdivisions: int) -> TriangleMesh:
     rock = fine_rock(kind, rng, subdivisions)
-    turn = Rotation.from_rotvec([*rng.normal(0, LEAN_RAD, 2), 0.0])
+    turn = scipy.spatial.transform.Rotation.from_rotvec([*rng.normal(0, LEAN_RAD, 2), 0.0])
     return TriangleMesh(turn.apply(rock.vertices_m.astype(np.float64)), rock.triangles)
