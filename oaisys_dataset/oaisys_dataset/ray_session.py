@@ -24,6 +24,7 @@ from oaisys_core.system.python_programs import python_environment
 from oaisys_core.system.socket_paths import socket_parent
 from oaisys_dataset import session_guard
 from oaisys_dataset.private.ray_job_config import safe_path_config
+from oaisys_dataset.private.ray_messages import write_reports_like_a_library
 from oaisys_dataset.private.ray_options import start_in
 
 ADDRESS_VARIABLE = "RAY_ADDRESS"
@@ -159,7 +160,11 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
         raise ConfigError(f"{error}; `pip install oaisys_dataset[all]` installs Ray") from error
     address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
     connected = _connect if address else _embed
-    with keep_messages(LOG, ENDED), connected(ray, settings, address or "local") as folder:
+    with (
+        keep_messages(LOG, ENDED),
+        write_reports_like_a_library(),
+        connected(ray, settings, address or "local") as folder,
+    ):
         yield RaySession(ray, settings.workers or _slots(ray, settings), folder)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from oaisys_dataset.private import ray_job_config, ray_options
+from oaisys_dataset.private import ray_job_config, ray_messages, ray_options
 from oaisys_dataset.ray_session import RaySettings, ray_session
 
 
@@ -43,3 +43,20 @@ def test_without_the_private_method_a_job_has_rays_own_configuration(
     assert [ray_job_config.safe_path_config(ray) for _ in range(2)] == [None, None]
     (line,) = fallback_lines()
     assert "Ray's path of Python cannot be used (JobConfig has no _gone)" in line
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_what_daemons_report_goes_to_the_descriptor_of_standard_error(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], is_there: bool
+) -> None:
+    from ray._private import worker
+
+    if not is_there:
+        monkeypatch.setattr(ray_messages, "FUNCTION", "gone")
+    with ray_messages.write_reports_like_a_library():
+        worker.print_to_stdstream(
+            {"lines": ["a daemon died"], "pid": "raylet", "is_err": False}, ignore_prefix=False
+        )
+    written = capfd.readouterr()
+    assert ("a daemon died" in written.out) == (not is_there)
+    assert ("a daemon died" in written.err) == is_there
