@@ -42,6 +42,9 @@ OPTIONS = (
     "--remote-debugging-port=0",
 )
 
+PACE_S = 0.3
+"""Of a person. Of what happens within some 50 ms, viser's page sends the last event alone."""
+
 
 @dataclass
 class Page:
@@ -106,19 +109,19 @@ class Page:
 
     def fill_in(self, label: str, text: str) -> None:
         """Type into the text field beside a label, as a person does, in place of what it has."""
-        found = self.value(
+        self.wait_for(  # a field that is still hidden cannot be focused
             f"""(label => {{
                 const typed = "input:not([type=hidden])";
                 let place = label;
                 while (place && !place.querySelector(typed)) place = place.parentElement;
-                const field = place.querySelector(typed);
-                field.focus();
-                field.select();
-                return true;
+                const field = place?.querySelector(typed);
+                field?.focus();
+                field?.select();
+                return !!field && document.activeElement === field;
             }})([...document.querySelectorAll("label")].find(l => l.innerText === {label!r}))"""
         )
-        assert found, f"no field {label!r}"
         self._call("Input.insertText", text=text)
+        time.sleep(PACE_S)
 
     def choose(self, label: str, option: str) -> None:
         """Choose an option of the list beside a label."""
@@ -137,12 +140,14 @@ class Page:
                 place.querySelector("[type=checkbox]").click();
             }})([...document.querySelectorAll("label")].find(l => l.innerText === {label!r}))"""
         )
+        time.sleep(PACE_S)
 
     def unfold(self, title: str) -> None:
-        """Click a title that hides what is below it."""
+        """Click a title that hides what is below it, and wait until that has moved to its place."""
         shown = f"[...document.querySelectorAll('*')].filter(e => e.innerText === {title!r})"
         self.wait_for(f"{shown}.length > 0")
         self.value(f"{shown}.pop().click()")
+        self.wait_for("!document.getAnimations().some(each => each.playState === 'running')")
 
     def picture(self) -> NDArray[np.uint8]:
         """Return the window as (H, W, 3) RGB."""

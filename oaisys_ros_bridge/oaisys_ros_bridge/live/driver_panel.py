@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
@@ -50,6 +51,8 @@ class DriverPanel:
         self._desk = desk
         self._on_refusal, self._bag_fault = on_refusal, bag_fault
         self._folders: list[Any] = []
+        # Reactions run on many threads: what one has read must not be posted after a newer value.
+        self._reacting = threading.Lock()
         with self._folder("Drive", -40):
             self._add_motion(on_window)
         with self._folder("World", -30):
@@ -180,7 +183,8 @@ class DriverPanel:
 
         def checked(event: Any) -> None:
             try:
-                react(event)
+                with self._reacting:
+                    react(event)
             except InvalidInputError as error:
                 self._on_refusal(str(error))
 

@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -17,7 +18,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import yaml
-from browser import Page, browser_page
+from browser import PACE_S, Page, browser_page
 from mcap_ros2.reader import read_ros2_messages
 from numpy.typing import NDArray
 from PIL import Image
@@ -74,6 +75,7 @@ def picture_of_which(
     """Have the page take pictures until something holds of one, (H, W, 3), and return that."""
 
     def picture() -> tuple[NDArray[np.uint8]] | None:
+        time.sleep(PACE_S)
         taken = len(list(files.glob("*.png")))
         page.click_button("Take a picture")
         path = files / f"picture_{taken + 1:04d}.png"
