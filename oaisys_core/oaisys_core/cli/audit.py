@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from oaisys_core.config import SimulationConfig
     from oaisys_core.verification.audit import AuditResult
-    from oaisys_core.verification.light.figures import LightFigure
+    from oaisys_core.verification.light.light_figure import LightFigure
 
 LARGEST_WRONG_SHARE = 5e-4
 

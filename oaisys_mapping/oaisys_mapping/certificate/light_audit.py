@@ -11,31 +11,12 @@ from typing import Any
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.types import SimulatorInfo
+from oaisys_core.verification.light.light_figure import LightFigure
 
 OPTION = "--light"
 NUMBERS = ("measured", "expected", "limit")
 USUAL_LIMIT = 0.03
 """The largest relative error that the audit itself allows for any of its figures."""
-
-
-@dataclass(frozen=True)
-class AuditedFigure:
-    """A figure of the audit of light: what was measured, what a formula says, and its limit."""
-
-    name: str
-    measured: float
-    expected: float
-    limit: float
-
-    @property
-    def error(self) -> float:
-        """Relative error."""
-        return self.measured / self.expected - 1
-
-    @property
-    def is_met(self) -> bool:
-        """Whether the error is within the limit."""
-        return abs(self.error) <= self.limit
 
 
 @dataclass(frozen=True)
@@ -49,7 +30,7 @@ class LightAudit:
 
     backend: str
     backend_version: str
-    figures: tuple[AuditedFigure, ...]
+    figures: tuple[LightFigure, ...]
 
     @property
     def command(self) -> str:
@@ -57,7 +38,7 @@ class LightAudit:
         return f"oaisys audit --light --backend {self.backend} --out light.json"
 
     @property
-    def worst(self) -> AuditedFigure:
+    def worst(self) -> LightFigure:
         """The figure whose error is the largest share of its limit."""
         return max(self.figures, key=lambda each: abs(each.error) / each.limit)
 
@@ -105,7 +86,7 @@ def light_from_json(values: Mapping[str, Any], where: str) -> LightAudit:
     """
     try:
         figures = tuple(
-            AuditedFigure(str(each["name"]), *(_number(each[key]) for key in NUMBERS))
+            LightFigure(str(each["name"]), *(_number(each[key]) for key in NUMBERS))
             for each in values["figures"]
         )
         audit = LightAudit(str(values["backend"]), str(values["backend_version"]), figures)

@@ -21,7 +21,7 @@ from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import Frame, ProgressCallback, ignore_progress
 from oaisys_core.verification.light import closed_forms
 from oaisys_core.verification.light.checks import figures
-from oaisys_core.verification.light.figures import LightFigure
+from oaisys_core.verification.light.light_figure import LightFigure
 
 
 def test_the_closed_forms_are_their_integrals() -> None:

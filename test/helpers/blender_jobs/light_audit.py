@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from oaisys_core.render.blender import BlenderBackend
 from oaisys_core.verification.light.checks import figures
-from oaisys_core.verification.light.figures import LightFigure
+from oaisys_core.verification.light.light_figure import LightFigure
 
 
 def light_figures() -> list[LightFigure]:

@@ -13,8 +13,8 @@ from math import cos, pi, radians, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.color import LUMINANCE
 from oaisys_core.procedural.environment.light import (
-    LUMINANCE,
     SKY_IRRADIANCE_W_M2,
     SKY_TINT,
 )

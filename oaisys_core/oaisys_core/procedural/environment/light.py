@@ -11,15 +11,13 @@ from math import degrees, pi, radians, sin
 
 import numpy as np
 
+from oaisys_core.color import LUMINANCE
 from oaisys_core.scene.lamps import Lamp
 from oaisys_core.scene.sky import Color, Gradient, Haze, Hdri, Sky, gradient_radiance
 from oaisys_core.types import FloatArray
 
 PLAIN_ALBEDO = np.array((0.26, 0.22, 0.18))
 """Linear colour of the distant plain that lights objects from below the horizon."""
-
-LUMINANCE = np.array((0.2126, 0.7152, 0.0722))
-"""Weights of linear red, green and blue (ITU-R BT.709)."""
 
 SKY_IRRADIANCE_W_M2 = 0.43
 """Approximate irradiance of a computed atmosphere on level ground, at a strength of 1 and a sun

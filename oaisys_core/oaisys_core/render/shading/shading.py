@@ -6,9 +6,8 @@ from math import pi
 
 import numpy as np
 
-from oaisys_core.color import linear, mean_linear
+from oaisys_core.color import LUMINANCE, linear, mean_linear
 from oaisys_core.procedural.environment.light import (
-    LUMINANCE,
     gradient_irradiance_w_m2,
     sky_irradiance_w_m2,
     veil_radiance,

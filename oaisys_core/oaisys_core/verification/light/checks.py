@@ -15,8 +15,9 @@ from oaisys_core.scene import Lamp, Primitive
 from oaisys_core.sensing.digitizing import digitize, electrons_per_s
 from oaisys_core.types import MONO16, FloatArray
 from oaisys_core.verification.light import closed_forms
-from oaisys_core.verification.light.figures import LightFigure, Renderer
 from oaisys_core.verification.light.law_checks import photometric_laws
+from oaisys_core.verification.light.light_figure import LightFigure
+from oaisys_core.verification.light.renderer import Renderer
 from oaisys_core.verification.light.scenes import (
     Ground,
     camera,

@@ -9,8 +9,9 @@ import numpy as np
 
 from oaisys_core.scene.photometric_laws import Hapke, LommelSeeliger, LunarLambert, PhotometricLaw
 from oaisys_core.types import FloatArray
-from oaisys_core.verification.light.figures import LightFigure, Renderer
+from oaisys_core.verification.light.light_figure import LightFigure
 from oaisys_core.verification.light.photometric_forms import radiance_factor
+from oaisys_core.verification.light.renderer import Renderer
 from oaisys_core.verification.light.scenes import Ground, camera, rays_of, sunny, world
 
 SUN = 4.0

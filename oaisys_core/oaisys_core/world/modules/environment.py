@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from oaisys_core import randomness
-from oaisys_core.color import linear
+from oaisys_core.color import LUMINANCE, linear
 from oaisys_core.config.sections.environment import (
     CloudsConfig,
     EnvironmentConfig,
@@ -26,7 +26,7 @@ from oaisys_core.procedural.environment.dust import shares_under_dust
 from oaisys_core.procedural.environment.earthshine import earthshine_lamp
 from oaisys_core.procedural.environment.effects import load_effects
 from oaisys_core.procedural.environment.hdri import SkyImages, images_of
-from oaisys_core.procedural.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
+from oaisys_core.procedural.environment.light import daylight, gradient_irradiance_w_m2
 from oaisys_core.procedural.environment.overcast import OVERCAST, overcast_share
 from oaisys_core.procedural.environment.radiometry import unit_w_m2
 from oaisys_core.procedural.environment.sun_in_map import (

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from synthetic_worlds import SUNNY, flat_world
 
+from oaisys_core.color import LUMINANCE
 from oaisys_core.procedural.environment.atmosphere import clear_sky, level_irradiance
 from oaisys_core.procedural.environment.light import (
-    LUMINANCE,
     SKY_IRRADIANCE_W_M2,
     daylight,
     sky_irradiance_w_m2,

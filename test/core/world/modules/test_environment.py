@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core import extensions, randomness
+from oaisys_core.color import LUMINANCE
 from oaisys_core.config.loading import config_from_mapping
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.environment import effects
-from oaisys_core.procedural.environment.light import LUMINANCE, level_irradiance_w_m2
+from oaisys_core.procedural.environment.light import level_irradiance_w_m2
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.scene import Sky
 from oaisys_core.scene.sky import gradient_radiance

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.color import srgb
+from oaisys_core.color import LUMINANCE, srgb
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import fields
 
@@ -17,10 +17,6 @@ Color = tuple[float, float, float]
 
 PAINTED_PX, BAKED_PX = 1024, 2048
 """Edge length of maps that are painted from noise, and of those that are baked from geometry."""
-
-LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
-"""Weights of linear red, green and blue in the luminance (ITU-R BT.709)."""
-
 
 _SRGB_OF_ROOT = srgb(np.square(np.linspace(0, 1, 8192)).astype(np.float32))
 """sRGB values by the square root of linear ones, which are closer together where it is dark."""
@@ -73,6 +69,11 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float32]:
     return np.asarray(_SRGB_OF_ROOT[place])
 
 
+def scale_to_albedo(color: NDArray[np.float32], albedo: float) -> None:
+    """Scale (N, N, 3) linear reflectance in place, so that its mean luminance is ``albedo``."""
+    color *= np.float32(albedo / float((color @ np.array(LUMINANCE, np.float32)).mean()))
+
+
 def tint(tone: Field, color: Color) -> NDArray[np.float32]:
     """Return (N, N, 3) of one colour, multiplied by ``tone``."""
     return np.asarray(tone[..., None] * np.array(color, np.float32), np.float32)
@@ -112,7 +113,7 @@ def finish_maps(
     height = height.astype(np.float32)
     light = fields.occlusion(height, size_px / 300) * fields.occlusion(height, size_px / 80)
     color = np.clip(reflectance, 0, None) * np.power(light, np.float32(shade))[..., None]
-    color *= np.float32(albedo / float((color @ LUMINANCE).mean()))
+    scale_to_albedo(color, albedo)
     return TextureMaps(linear_to_srgb(color), height, np.clip(roughness, 0, 1).astype(np.float32))
 
 

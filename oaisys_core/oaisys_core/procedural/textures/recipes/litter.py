@@ -19,12 +19,12 @@ from oaisys_core.procedural.textures.baking.sizes import PowerLaw, RosinRammler
 from oaisys_core.procedural.textures.baking.stamps import cast_rocks
 from oaisys_core.procedural.textures.recipes import strokes
 from oaisys_core.procedural.textures.recipes.finish import (
-    LUMINANCE,
     Color,
     Recipe,
     TextureMaps,
     blend,
     linear_to_srgb,
+    scale_to_albedo,
     smoothstep,
     tint,
 )
@@ -83,7 +83,7 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
     height = bed.height + np.float32(0.0002 / TILE_M) * uneven
     height = _with_twigs(height, color, rng)
     color *= sky_share(height, (0.004, 0.012))[..., None]
-    color *= np.float32(ALBEDO / float((color @ LUMINANCE).mean()))
+    scale_to_albedo(color, ALBEDO)
     rough = np.where(is_leaf, 0.72, 0.92) + 0.04 * uneven
     return TextureMaps(linear_to_srgb(color), height, np.clip(rough, 0, 1).astype(np.float32))
 

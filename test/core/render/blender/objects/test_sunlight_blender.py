@@ -17,11 +17,11 @@ import pytest
 from blender_process import in_blender
 from synthetic_worlds import SUNNY, camera, flat_world, settings, texture
 
+from oaisys_core.color import LUMINANCE
 from oaisys_core.config import load_config
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, transform
 from oaisys_core.procedural.environment.light import (
-    LUMINANCE,
     level_irradiance_w_m2,
     sky_irradiance_w_m2,
     white_gains,
