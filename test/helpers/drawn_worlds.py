@@ -188,7 +188,12 @@ def drawn_stage(draw: Draw, body: str) -> Json:
         stage["resolution_px"] = draw.one((97, 129, 193))
         stage |= draw.some(relief_m=draw.log(0.5, 25), roughness=draw.number(0, 2))
     if kind == "preset" and draw.chance(0.15):
-        stage["detail"] = {"radius_m": 2.0, "spacing_m": 0.08, "amplitude_m": draw.number(0, 0.05)}
+        stage["detail"] = {
+            "radius_m": 2.0,
+            "spacing_m": 0.08,
+            "amplitude_m": draw.number(0, 0.05),
+            "textures": draw.one((0.0, 1.0, 2.0)),
+        }
     if draw.chance(0.25):
         stage["water"] = {
             "level_share": draw.number(0.05, 0.6),

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 import numpy as np
 
 from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
+from oaisys_core.procedural.terrain.detail import DetailedGround
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 
@@ -48,5 +50,12 @@ def refined_views(stage: dict[str, Any], places: list[tuple[float, float]]) -> d
         found["ground"].append(world.query_height(points).ground_height_m)
     mesh = world.ground_truth_mesh()
     found["mesh"] = (len(mesh.vertices_m), len(mesh.triangles))
-    found["scene"] = (len(world.scene.ground.vertices_m()), len(world.scene.ground.triangles()))
+    ground = world.scene.ground
+    found["scene"] = (len(ground.vertices_m()), len(ground.triangles()))
+    shown = bpy.data.objects["ground"].data
+    corners = np.empty(len(shown.loops) * 3, np.float32)
+    shown.corner_normals.foreach_get("vector", corners)
+    found["corner_normals"] = corners.reshape(-1, 3)
+    if isinstance(ground, DetailedGround):
+        found["normals"] = ground.shading_normals()[ground.triangles().ravel()]
     return found

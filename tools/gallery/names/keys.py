@@ -29,6 +29,7 @@ LAKE = {"water": {"level_share": 0.3, "semantic_id": 40}}
 
 ACROSS = StageViewpoint("across", (-0.5, -0.5), 2.2, (0.2, 0.2), 0.6)
 SKYWARDS = StageViewpoint("skywards", (-0.5, -0.5), 1.7, (0.9, 0.75), 4.0)
+NEAR = StageViewpoint("near", (-0.1, -0.1), 0.9, (-0.03, -0.03), 0.0)
 DOWN = StageViewpoint("down", (-0.9, -0.9), 0.5, (0.05, 0.05), 0.0, is_relative=True)
 
 
@@ -114,6 +115,18 @@ KEY_PAIRS = (
     ),
     KeyPair("stage.relief_m", (1, 8), "The height difference of the large forms."),
     KeyPair("stage.roughness", (0, 2.5), "A factor on the fine relief."),
+    KeyPair(
+        "stage.detail.textures",
+        (0, 1),
+        "Stones near the camera stand up.",
+        NEAR,
+        {
+            "stage": {"preset": "plane", "detail": {}},
+            "materials": {"layers": [{"texture": "pebbles", "label": "bank", "semantic_id": 1}]},
+            "assets": {"rocks": []},
+            "environment": {"sun_elevation_deg": 16.0},
+        },
+    ),
     KeyPair(
         "stage.erosion.age",
         (0.02, 0.3),

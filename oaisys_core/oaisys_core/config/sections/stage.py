@@ -127,6 +127,8 @@ class DetailConfig(Section):
         amplitude_m: Amplitude of the relief that the coarse ground cannot represent.
         gain: Amplitude of each octave relative to the coarser one.
         below_m: Height of the cameras above the ground up to which it is refined.
+        textures: Factor on the relief of the ground's textures, which casts shadows and is in
+            depth as far as the refined ground shows it; 0 for none, 1 for that of their normals.
     """
 
     radius_m: Positive = 4.0
@@ -134,6 +136,7 @@ class DetailConfig(Section):
     amplitude_m: float = Field(default=0.012, ge=0)
     gain: float = Field(default=0.6, gt=0, le=1)
     below_m: Positive = 30.0
+    textures: float = Field(default=1.0, ge=0, le=10)
 
 
 class ReuseConfig(Section):

@@ -1,14 +1,15 @@
 """Finer ground around the cameras, for depth, labels, colour and height queries alike.
 
 A square patch of the grid is replaced by a finer grid: the smoothed coarse surface plus noise that
-is too fine for the coarse grid. Towards the rim of the patch both fade into the coarse triangles.
-The triangles just outside are split into fans that end at the rim's points, so that there is no
-gap. The position of the patch depends only on the current positions of the cameras.
+is too fine for the coarse grid, and the relief of the ground's textures. Towards the rim of the
+patch they fade into the coarse triangles. The triangles just outside are split into fans that end
+at the rim's points, so that there is no gap. The position of the patch depends only on the current
+positions of the cameras.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, log2
 
@@ -17,6 +18,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core import randomness
+from oaisys_core.procedural.terrain.displacement import LayerRelief
 from oaisys_core.procedural.terrain.noise import fractal
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import FloatArray
@@ -27,8 +29,12 @@ FADE_SHARE = 0.35
 MAX_FINE_PX = 2049
 """Largest number of points along an edge of the patch; larger patches have a wider spacing."""
 
-REACH = 2
-"""Coarse points around a cell that its smooth surface takes into account."""
+GENTLE_COS = (0.77, 0.87)
+"""Vertical components of the normal (slopes of 40 and 30 degrees) between which the relief of
+textures fades in, where they are projected from the side on steep slopes."""
+
+MARGIN = 8
+"""Coarse points around a patch that its smooth surface is made from."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +48,9 @@ class Detail:
         amplitude_m: Amplitude of the noise.
         gain: Amplitude of each octave relative to the coarser one.
         below_m: Height of the cameras above the ground up to which it is refined.
+        textures: Factor on the relief of the ground's textures.
+        relief: That relief with its factor; None for none, or until the material is drawn.
+        shown: The part of it by which the coarse ground is displaced already; None for none.
     """
 
     seed: int
@@ -50,6 +59,9 @@ class Detail:
     amplitude_m: float
     gain: float
     below_m: float
+    textures: float = 0.0
+    relief: LayerRelief | None = None
+    shown: LayerRelief | None = None
 
     def around(
         self, ground: Ground, near: DetailedGround | None, positions_m: FloatArray
@@ -89,11 +101,14 @@ class DetailedGround:
         coarse: The grid.
         fine: The finer grid, with `factor` cells along the edge of each coarse cell.
         patch: The cells that it replaces.
+        shaded: The finer grid without the relief of textures, whose normals colour is made with,
+            because maps of normals have that relief; None if there is no such relief.
     """
 
     coarse: HeightField
     fine: HeightField
     patch: Patch
+    shaded: HeightField | None = None
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
@@ -124,6 +139,14 @@ class DetailedGround:
         """Return (T, 3) int32 indices, counter-clockwise from above."""
         return self._mesh[1]
 
+    def shading_normals(self) -> NDArray[np.float32] | None:
+        """Return (V, 3) float32 unit normals of the vertices for colour; None for the mesh's."""
+        if self.shaded is None:
+            return None
+        grids = (self.coarse, self.shaded)
+        normals = np.concatenate([grid_normals(each).reshape(-1, 3) for each in grids])
+        return np.asarray(normals[self._used])
+
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N,) heights of the surface at (N, 2) points; NaN outside it."""
         fine_m = self.fine.height_at(xy_m)
@@ -131,6 +154,20 @@ class DetailedGround:
 
     @cached_property
     def _mesh(self) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        used = self._used
+        vertices = np.concatenate((self.coarse.vertices_m(), self.fine.vertices_m()))[used]
+        return vertices, (np.cumsum(used, dtype=np.int32) - 1)[self._corners]
+
+    @cached_property
+    def _used(self) -> NDArray[np.bool_]:
+        """Which points of both grids, the coarse ones first, the mesh has."""
+        used = np.zeros(self.coarse.elevation_m.size + self.fine.elevation_m.size, np.bool_)
+        used[self._corners] = True
+        return used
+
+    @cached_property
+    def _corners(self) -> NDArray[np.int32]:
+        """Corners of the (T, 3) triangles among the points of both grids."""
         rows, cols = self.coarse.elevation_m.shape
         coarse = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
         p, k = self.patch, self.factor
@@ -142,11 +179,7 @@ class DetailedGround:
         # Replace the coarse points on the rim by fine ones; those inside are not used.
         same = np.arange(rows * cols + height * width, dtype=np.int32)
         same[coarse[p.r0 : p.r1 + 1, p.c0 : p.c1 + 1]] = fine[::k, ::k]
-        triangles = same[triangles]
-        used = np.zeros(len(same), np.bool_)
-        used[triangles] = True
-        vertices = np.concatenate((self.coarse.vertices_m(), self.fine.vertices_m()))[used]
-        return vertices, (np.cumsum(used, dtype=np.int32) - 1)[triangles]
+        return np.asarray(same[triangles])
 
     def _outside(self, coarse: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the coarse triangles that do not change."""
@@ -191,7 +224,8 @@ def add_detail(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGro
     row = patch.r0 + np.arange(shape[0]) / factor
     column = patch.c0 + np.arange(shape[1]) / factor
     flat_m = _on_triangles(ground, row, column)
-    smooth_m = _smooth(ground, row, column)
+    base = ground if detail.shown is None else _lowered(ground, detail.shown, patch)
+    smooth_m = _smooth(base, row, column)
     rows, cols = ground.elevation_m.shape
     fade = np.minimum(
         _fade(row, patch.r0, patch.r1, rows - 1)[:, None],
@@ -199,9 +233,36 @@ def add_detail(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGro
     )
     x, y = column[None, :] * ground.spacing_m, row[:, None] * ground.spacing_m
     noise_m = detail.amplitude_m * _noise(x, y, detail, ground.spacing_m, spacing_m)
-    elevation_m = (flat_m + fade * (smooth_m - flat_m + noise_m)).astype(np.float32)
+    plain_m = flat_m + fade * (smooth_m - flat_m + noise_m)
     origin_m = (x0 + patch.c0 * ground.spacing_m, y0 + patch.r0 * ground.spacing_m)
-    return DetailedGround(ground, HeightField(elevation_m, origin_m, spacing_m), patch)
+    fine = HeightField(plain_m.astype(np.float32), origin_m, spacing_m)
+    if detail.relief is None:
+        return DetailedGround(ground, fine, patch)
+    relief_m = fade * detail.relief.on_grid(fine)
+    if detail.relief.material.projects_sides:
+        relief_m *= _smoothstep((grid_normals(fine)[..., 2] - GENTLE_COS[0]) / np.ptp(GENTLE_COS))
+    raised = replace(fine, elevation_m=(plain_m + relief_m).astype(np.float32))
+    return DetailedGround(ground, raised, patch, shaded=fine)
+
+
+def _lowered(ground: HeightField, shown: LayerRelief, patch: Patch) -> HeightField:
+    """Return the ground before a relief displaced it, at the points that the patch is made from."""
+    r0, c0 = max(patch.r0 - MARGIN, 0), max(patch.c0 - MARGIN, 0)
+    window = np.s_[r0 : patch.r1 + MARGIN + 1, c0 : patch.c1 + MARGIN + 1]
+    x0, y0 = ground.origin_xy_m
+    origin_m = (x0 + c0 * ground.spacing_m, y0 + r0 * ground.spacing_m)
+    part = replace(ground, elevation_m=ground.elevation_m[window], origin_xy_m=origin_m)
+    elevation_m = ground.elevation_m.copy()
+    elevation_m[window] -= shown.on_grid(part).astype(np.float32)
+    return replace(ground, elevation_m=elevation_m)
+
+
+def grid_normals(ground: HeightField) -> NDArray[np.float32]:
+    """Return the (rows, columns, 3) unit normals of a grid's points, from those beside them."""
+    along_y, along_x = np.gradient(ground.elevation_m, np.float32(ground.spacing_m))
+    upward = 1 / np.sqrt(1 + along_x**2 + along_y**2)
+    normals = np.stack((-along_x * upward, -along_y * upward, upward), axis=-1)
+    return np.asarray(normals, np.float32)
 
 
 def _noise(
@@ -230,8 +291,8 @@ def _on_triangles(ground: HeightField, row: FloatArray, column: FloatArray) -> F
 
 def _smooth(ground: HeightField, row: FloatArray, column: FloatArray) -> FloatArray:
     """Return the heights of a smooth surface through the grid's points."""
-    r0, c0 = max(int(row[0]) - 8, 0), max(int(column[0]) - 8, 0)
-    window = ground.elevation_m[r0 : int(row[-1]) + 9, c0 : int(column[-1]) + 9]
+    r0, c0 = max(int(row[0]) - MARGIN, 0), max(int(column[0]) - MARGIN, 0)
+    window = ground.elevation_m[r0 : int(row[-1]) + MARGIN + 1, c0 : int(column[-1]) + MARGIN + 1]
     places = np.meshgrid(row - r0, column - c0, indexing="ij")
     heights = scipy.ndimage.map_coordinates(
         window.astype(np.float64), places, order=3, mode="nearest"
@@ -244,8 +305,13 @@ def _fade(at: FloatArray, first: int, last: int, end: int) -> FloatArray:
     width = FADE_SHARE * (last - first) / 2
     low = np.ones_like(at) if first == 0 else np.clip((at - first) / width, 0, 1)
     high = np.ones_like(at) if last == end else np.clip((last - at) / width, 0, 1)
-    share = np.minimum(low, high)
-    return np.asarray(share * share * (3 - 2 * share))
+    return _smoothstep(np.minimum(low, high))
+
+
+def _smoothstep(share: FloatArray) -> FloatArray:
+    """Return a smooth transition from 0 to 1 over shares from 0 to 1."""
+    inside = np.clip(share, 0, 1)
+    return np.asarray(inside * inside * (3 - 2 * inside))
 
 
 def _cells(index: NDArray[np.int32]) -> NDArray[np.int32]:

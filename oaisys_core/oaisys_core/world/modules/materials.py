@@ -16,7 +16,8 @@ from oaisys_core.config.sections.layer_conditions import ConditionConfig
 from oaisys_core.config.sections.layers import LayerConfig
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.procedural.terrain.displacement import displace
+from oaisys_core.procedural.terrain.detail import Detail
+from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, relief_of_maps
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.procedural.terrain.masks.patches import (
     LayerNoise,
@@ -44,7 +45,6 @@ from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
 from oaisys_core.world.module import Metadata, Module, World, override, require
 from oaisys_core.world.modules.layer_gates import gate_of_level, layer_gates
 from oaisys_core.world.modules.layers import (
-    DrawnLayer,
     LayerLibrary,
     check_layers,
     choose_layers,
@@ -137,8 +137,12 @@ class MaterialsModule(Module):
             is_lambertian=config.reflectance != "rough",
             law=_law(config),
         )
+        shown = None
         if config.displacement == "geometry":
-            _displace(world, material, layers)
+            shown = LayerRelief(material, tuple(layer.relief_m for layer in layers))
+            _displace(world, shown)
+        if world.detail is not None and world.detail.textures:
+            world.detail = _with_relief(world.detail, material, shown)
         if len(layers) > 1:
             conditions = [layer.config.when for layer in layers]
             material = replace(material, land=_land_masks(config, material, conditions, world, rng))
@@ -269,13 +273,19 @@ def _projects_sides(config: MaterialsConfig, ground: Ground) -> bool:
     return config.projection == "sides"
 
 
-def _displace(world: World, material: TerrainMaterial, layers: Sequence[DrawnLayer]) -> None:
+def _with_relief(detail: Detail, material: TerrainMaterial, shown: LayerRelief | None) -> Detail:
+    """Return the refinement with the relief of the ground's textures."""
+    reliefs_m = (relief_of_maps(layer.maps) * detail.textures for layer in material.layers)
+    return replace(detail, relief=LayerRelief(material, tuple(reliefs_m)), shown=shown)
+
+
+def _displace(world: World, relief: LayerRelief) -> None:
     ground = require(world.ground)
     if not isinstance(ground, HeightField):
         raise InvalidInputError(
             "materials.displacement", "geometry", "bump, because this ground is not a height field"
         )
-    moved = displace(ground, material, [layer.relief_m for layer in layers])
+    moved = displace(ground, relief)
     world.ground = moved
     digest = hashlib.sha256(world.stage_hash.encode())
     digest.update(np.ascontiguousarray(moved.elevation_m).tobytes())

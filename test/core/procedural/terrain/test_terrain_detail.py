@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 
 from oaisys_core.procedural.terrain.detail import Detail, Patch, add_detail, patch_at
-from oaisys_core.scene import HeightField
+from oaisys_core.procedural.terrain.displacement import LayerRelief, displace
+from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial
 
 DETAIL = Detail(seed=3, radius_m=2.0, spacing_m=0.1, amplitude_m=0.05, gain=0.6, below_m=20.0)
 
@@ -85,6 +88,77 @@ def test_without_noise_the_ground_becomes_smooth() -> None:
     exact = (xy**2).sum(axis=1) / 20
     assert np.abs(fine.height_at(xy) - exact).max() < 2e-4
     assert np.abs(bowl.height_at(xy) - exact).max() > 3e-3
+
+
+TILE_M, RELIEF_M = 1.0, 0.08
+
+
+def waves(ground: HeightField, *, projects_sides: bool = False) -> LayerRelief:
+    """Return the relief of a texture of one wave a tile along x."""
+    x = (np.arange(256) + 0.5) / 256
+    wave = np.tile(0.5 + 0.5 * np.sin(2 * np.pi * x), (256, 1)).astype(np.float32)
+    flat = np.full((256, 256, 3), 128, np.uint8)
+    maps = PbrMaps("waves", flat, wave, flat, flat[..., 0], TILE_M)
+    masks, layer = np.ones((1, 4, 4), np.float32), TerrainLayer("waves", (1,), maps)
+    material = TerrainMaterial((layer,), masks, ground.extent_m, projects_sides=projects_sides)
+    return LayerRelief(material, (RELIEF_M,))
+
+
+def plain(size: int = 65) -> HeightField:
+    return HeightField(np.zeros((size, size), np.float32), (-16, -16), 0.5)
+
+
+BARE = Detail(seed=1, radius_m=4.0, spacing_m=0.02, amplitude_m=0.0, gain=0.5, below_m=9.0)
+
+
+def test_textures_raise_the_ground_by_their_relief_and_fade_out() -> None:
+    ground = plain()
+    detail = replace(BARE, relief=waves(ground))
+    fine = add_detail(ground, detail, patch_at(ground, detail, (0, 0)))
+    xy = np.random.default_rng(2).uniform(-2, 2, (2000, 2))
+    exact = RELIEF_M / 2 * np.sin(2 * np.pi * xy[:, 0] / TILE_M)
+    assert np.abs(fine.height_at(xy) - exact).max() < 3e-4
+    rim = np.column_stack((np.full(200, 3.999), np.linspace(-4, 4, 200)))
+    assert np.abs(fine.height_at(rim)).max() < 1e-5
+
+
+def test_what_the_coarse_ground_shows_is_not_raised_twice() -> None:
+    ground = HeightField(np.zeros((257, 257), np.float32), (-16, -16), 0.125)
+    relief = waves(ground)
+    raised = displace(ground, relief)
+    detail = replace(BARE, relief=relief, shown=relief)
+    fine = add_detail(raised, detail, patch_at(raised, detail, (0, 0)))
+    xy = np.random.default_rng(2).uniform(-2, 2, (2000, 2))
+    exact = RELIEF_M / 2 * np.sin(2 * np.pi * xy[:, 0] / TILE_M)
+    assert np.abs(fine.height_at(xy) - exact).max() < 1e-3
+    assert np.abs(raised.height_at(xy) - exact).max() > 3e-3
+
+
+def test_steep_ground_with_textures_from_the_side_keeps_its_shape() -> None:
+    x = np.linspace(-16, 16, 65)
+    cliff = HeightField(np.tile(1.2 * x, (65, 1)).astype(np.float32), (-16, -16), 0.5)
+    detail = replace(BARE, relief=waves(cliff, projects_sides=True))
+    fine = add_detail(cliff, detail, patch_at(cliff, detail, (0, 0)))
+    xy = np.random.default_rng(2).uniform(-2, 2, (500, 2))
+    assert fine.height_at(xy) == pytest.approx(1.2 * xy[:, 0], abs=1e-5)
+
+
+def test_colour_has_the_normals_of_the_ground_without_its_textures() -> None:
+    ground = plain()
+    assert add_detail(ground, BARE, patch_at(ground, BARE, (0, 0))).shading_normals() is None
+    detail = replace(BARE, relief=waves(ground))
+    fine = add_detail(ground, detail, patch_at(ground, detail, (0, 0)))
+    normals = fine.shading_normals()
+    assert normals is not None
+    assert normals.shape == fine.vertices_m().shape
+    assert np.allclose(normals, (0, 0, 1))
+    slope = HeightField(
+        np.tile(np.linspace(-16, 16, 65), (65, 1)).astype(np.float32), (-16, -16), 0.5
+    )
+    raised = add_detail(slope, detail, patch_at(slope, detail, (0, 0)))
+    assert raised.shading_normals() == pytest.approx(
+        np.tile((-np.sqrt(0.5), 0, np.sqrt(0.5)), (len(raised.vertices_m()), 1)), abs=1e-4
+    )
 
 
 def test_cameras_high_above_have_no_use_for_it() -> None:

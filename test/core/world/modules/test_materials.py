@@ -1,5 +1,6 @@
 """The materials module: pools, metadata, changed textures, label images, displacement."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.procedural.terrain.displacement import displace
+from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, relief_of_maps
 from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial
@@ -198,6 +199,20 @@ def test_relief_gives_the_slopes_of_its_height_map() -> None:
     assert np.allclose(slope, expected, atol=0.012)
 
 
+@pytest.mark.parametrize("strength", [0.5, 1.0, 2.0])
+def test_relief_is_found_again_in_the_normals(strength: float) -> None:
+    x = 2 * np.pi * (np.arange(256) + 0.5) / 256
+    rough = 0.5 + 0.3 * np.sin(3 * x) * np.cos(2 * x[:, None]) + 0.1 * np.sin(7 * x[:, None])
+    shaded = with_relief(maps((90, 90, 90), rough), 0.07, strength)
+    assert relief_of_maps(shaded) == pytest.approx(0.07 * strength, rel=0.02)
+
+
+def test_flat_maps_have_no_relief() -> None:
+    flat = maps((90, 90, 90), np.full((64, 64), 0.5))
+    assert relief_of_maps(flat) == 0
+    assert relief_of_maps(replace(flat, height=np.random.default_rng(1).random((64, 64)))) == 0
+
+
 def test_displaced_ground_is_the_height_map_in_metres() -> None:
     spacing_m, tile_m, relief_m = 0.05, 2.0, 0.3
     x = (np.arange(256) + 0.5) / 256
@@ -206,7 +221,7 @@ def test_displaced_ground_is_the_height_map_in_metres() -> None:
     layer = TerrainLayer("a", (1,), maps((90, 90, 90), wave, tile_m))
     ground = HeightField(np.full((81, 101), 5.0, np.float32), (-2.5, -2.0), spacing_m)
     material = TerrainMaterial((layer,), np.ones((1, 4, 4), np.float32), ground.extent_m)
-    moved = displace(ground, material, [relief_m])
+    moved = displace(ground, LayerRelief(material, (relief_m,)))
     at = moved.vertices_m()
     u, v = at[:, 0] / tile_m, at[:, 1] / tile_m
     expected = 5 + relief_m * 0.25 * (np.sin(2 * np.pi * u) + np.cos(2 * np.pi * v))

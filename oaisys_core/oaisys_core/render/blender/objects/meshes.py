@@ -9,10 +9,14 @@ import numpy as np
 from mathutils import Matrix
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.procedural.terrain.detail import DetailedGround
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import FloatArray, TriangleMesh
 
 NAME = "ground"
+
+NORMALS = "custom_normal"
+"""Attribute with the normals of vertices that Blender shades with instead of those of the mesh."""
 
 Corners = NDArray[np.int32]
 
@@ -75,6 +79,10 @@ class GroundMeshes:
         self._shape = ground.elevation_m.shape if isinstance(ground, HeightField) else None
         if self._shape is None:
             self._last = new_mesh(NAME, ground.vertices_m(), ground.triangles(), smooth=True)
+            normals = ground.shading_normals() if isinstance(ground, DetailedGround) else None
+            if normals is not None:
+                self._last.attributes.new(NORMALS, "FLOAT_VECTOR", "POINT")
+                _set(self._last, NORMALS, "vector", normals)
         else:
             self._last = before.copy() if self._shape == shape else _grid_mesh(ground, self._shape)
             self._last.materials.clear()

@@ -61,7 +61,8 @@ class GroundNormals:
         self._ground = ground
         grids: list[HeightField] = []
         if isinstance(ground, DetailedGround):
-            grids = [ground.coarse, ground.fine]
+            # Maps of normals have the relief of textures.
+            grids = [ground.coarse, ground.shaded or ground.fine]
         elif isinstance(ground, HeightField):
             grids = [ground]
         kept = {id(each.ground): each for each in self._grids}

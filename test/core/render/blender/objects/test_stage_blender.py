@@ -26,3 +26,4 @@ def test_the_refined_ground_is_rendered_as_it_is_measured() -> None:
     assert found["mesh"] == found["scene"]
     assert np.isfinite(found["depth"][0]).all(), "no gap along the seam"
     assert np.ptp(found["rgb"][0].astype(float)) > 10
+    assert found["corner_normals"] == pytest.approx(found["normals"], abs=1e-3)
