@@ -1,6 +1,6 @@
 """A world of your own: heights from numpy, two textures, boulders, a low sun, a stereo pair.
 
-    python examples/04_own_world.py [analytic|blender]
+    python examples/04_own_world.py [analytic|blender] [--out out/own_world.png]
 
 A configuration is a mapping, the same as in YAML: docs/configuration.md lists all keys,
 config/examples/ has a small file for each. Heights are left in out/heights.png.
@@ -18,6 +18,7 @@ from oaisys_core.simulation import Simulation
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("backend", nargs="?", choices=["analytic", "blender"], default="analytic")
+parser.add_argument("--out", type=Path, default=Path("out/own_world.png"), help="a picture")
 options = parser.parse_args()
 
 y, x = np.mgrid[0:129, 0:129] / 128  # row 0 is in the north
@@ -41,3 +42,4 @@ with closing(Simulation(config_from_mapping(world))) as simulation:
     sample = simulation.step_sample()
 print("ground:", ground_m.round(2), "m, given:", height_m[64, 64].round(2), "m in the middle")
 print("images:", *(f"{frame.sensor} {frame.modality}" for frame in sample.frames))
+print("picture:", sample.save(options.out))

@@ -1,6 +1,6 @@
 """Labels and their legend: what each pixel shows, as a class and as a single thing.
 
-    python examples/05_labels.py [WORLD.yaml]
+    python examples/05_labels.py [WORLD.yaml] [--out out/labels.png]
 
 `semantic_0` holds a class id for each pixel (uint16; 0 is unlabelled), `instance` the id of a
 thing (uint32; 0 is none). Both come from a ray through the pixel's centre, so no pixel mixes two
@@ -21,6 +21,7 @@ from oaisys_core.types import INSTANCE, SEMANTIC_0, ModuleMetadata, ObjectQuery
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("world", nargs="?", type=Path, help="the default: that of `make demo`")
+parser.add_argument("--out", type=Path, default=Path("out/labels.png"), help="a picture")
 options = parser.parse_args()
 config = load_config(options.world) if options.world else SimulationConfig()
 metadata = ModuleMetadata(sensor={"pose": pose_looking_at((-6, 0, 5), (0, 0, 0))})
@@ -38,3 +39,4 @@ for semantic_id, pixels in zip(*np.unique(labels, return_counts=True), strict=Tr
 names = {thing.instance_id: thing.name for thing in things}
 seen = set(names) & set(np.unique(sample.frame(camera, INSTANCE).data).tolist())
 print(f"{len(seen)} of {len(things)} things are in view: {', '.join(names[i] for i in seen)}")
+print("picture:", sample.save(options.out))

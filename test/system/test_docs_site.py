@@ -17,6 +17,7 @@ from tools.docs.api_pages import MODULES
 from tools.docs.command_page import command_page
 from tools.docs.contract_page import contract_page
 from tools.docs.links import REPOSITORY_URL, SiteLinks
+from tools.docs.pictures import MOST_BYTES
 from tools.docs.sources import gather_sources
 from tools.docs.tutorial_pages import tutorial_pages
 
@@ -53,6 +54,15 @@ def test_a_folder_of_others_is_not_emptied(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="remove it first"):
         gather_sources(tmp_path)
     assert (tmp_path / "precious").exists()
+
+
+def test_every_tutorial_has_a_picture_that_loads_quickly() -> None:
+    tutorials = sorted((REPOSITORY / "examples").glob("[0-9]*.py"))
+    pages = dict(tutorial_pages())
+    for example in tutorials:
+        picture = REPOSITORY / "docs" / "tutorials" / f"{example.stem}.webp"
+        assert 0 < picture.stat().st_size <= MOST_BYTES
+        assert f"]({picture.name})" in pages[f"tutorials/{example.stem}.md"]
 
 
 def test_every_command_has_its_section_and_options() -> None:

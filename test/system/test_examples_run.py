@@ -112,6 +112,7 @@ def test_over_grpc(tmp_path: Path) -> None:
     assert sorted(arrived) == ["depth", "instance", "rgb", "semantic_0"]
     assert arrived[-1] == "rgb"
     assert "refused: pose.position" in output
+    assert (tmp_path / "out" / "over_grpc.png").is_file()
 
 
 def test_own_world(
@@ -122,6 +123,7 @@ def test_own_world(
     assert float(middle_m) == pytest.approx(float(given_m), abs=0.02)
     assert "stereo_left depth" in output
     assert "stereo_right rgb" in output
+    assert Image.open(tmp_path / "out" / "own_world.png").width > 4 * 640
 
 
 def test_labels(
@@ -136,6 +138,7 @@ def test_labels(
     assert sum(float(share) for _, share in shares) == pytest.approx(100, abs=0.3)
     seen, total = map(int, re.findall(r"(\d+) of (\d+) things", output)[0])
     assert 0 < seen <= total == 60
+    assert Image.open(tmp_path / "out" / "labels.png").size[0] > 2 * 64
 
 
 @pytest.mark.long
@@ -228,3 +231,4 @@ def test_the_gym(tmp_path: Path) -> None:
     output = run("12_gym.py", tmp_path, "--episodes", "1")
     assert re.findall(r"seed 0, (\w+): reward", output) == ["random", "baseline"]
     assert "the last view: (48, 64, 3)" in output
+    assert Image.open(tmp_path / "out" / "gym.png").size == (4 * 64, 2 * 48)

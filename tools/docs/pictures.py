@@ -1,22 +1,22 @@
 """Makes the tutorials' pictures by running them: `python -m tools.docs.pictures [NUMBER ...]`.
 
-They are docs/tutorials/NAME.webp. Without a number, all tutorials that write a picture are run.
+They are docs/tutorials/NAME.webp. Without a number, all tutorials are run.
 """
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 
+from tools.docs.picture_runs import RUNS, run_with_out
 from tools.docs.tutorial_pages import EXAMPLES, PICTURES
 
-OPTION = '"--out"'
 WIDTH_PX = 960
-TIMEOUT_S = 1200.0
+LEAST_WIDTH_PX = 480
+MOST_BYTES = 60_000
 
 
 def main() -> None:
@@ -24,25 +24,34 @@ def main() -> None:
     files = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
     wanted = {int(number) for number in sys.argv[1:]} or {int(file.name[:2]) for file in files}
     for file in files:
-        if int(file.name[:2]) in wanted and OPTION in file.read_text(encoding="utf-8"):
-            make_picture(file)
+        if int(file.name[:2]) in wanted:
+            print(make_picture(file), flush=True)
 
 
 def make_picture(example: Path) -> Path:
-    """Run an example, and return the picture that it wrote, as WebP beside the others.
+    """Run an example, and return the picture that it makes, as WebP beside the others.
 
     Raises:
         subprocess.CalledProcessError: The example failed.
     """
-    PICTURES.mkdir(parents=True, exist_ok=True)
-    target = PICTURES / f"{example.stem}.webp"
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder, "picture.png")
-        command = [sys.executable, "-P", str(example), "--out", str(out)]
-        subprocess.run(command, cwd=folder, check=True, timeout=TIMEOUT_S)
-        with Image.open(out) as picture:
-            picture.thumbnail((WIDTH_PX, WIDTH_PX))
-            picture.convert("RGB").save(target, quality=80, method=6)
+        run = RUNS.get(example.stem, run_with_out)
+        with Image.open(run(example, Path(folder))) as picture:
+            return write_webp(picture, PICTURES / f"{example.stem}.webp")
+
+
+def write_webp(picture: Image.Image, target: Path) -> Path:
+    """Write a picture for a page, coarser until it has at most `MOST_BYTES`."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if picture.width < LEAST_WIDTH_PX:  # pictures of an agent's eyes: their pixels stay squares
+        factor = -(-LEAST_WIDTH_PX // picture.width)
+        size_px = (factor * picture.width, factor * picture.height)
+        picture = picture.resize(size_px, Image.Resampling.NEAREST)
+    picture.thumbnail((WIDTH_PX, WIDTH_PX))
+    for quality in range(80, 20, -10):
+        picture.convert("RGB").save(target, quality=quality, method=6)
+        if target.stat().st_size <= MOST_BYTES:
+            break
     return target
 
 
