@@ -65,21 +65,22 @@ def info(
     x0, y0, x1, y1 = imported.ground.extent_m
     ellipsoid = system.get_geod()
     radius_m = 0.0 if ellipsoid is None else ellipsoid.a
-    _say(f"reference system  {system.name}")
+    _say(f"reference system  {_system(system)}")
     _say(f"body              {_body(system)}, equatorial radius {radius_m:.0f} m")
     _say(f"extent in map     x {x0:.3f} to {x1:.3f} m, y {y0:.3f} to {y1:.3f} m")
     _say(f"distance of heights in the file  {imported.posting_m:.4g} m")
     north_deg = places.north_deg(place)
     _say(f"+y points to      {north_deg:.4f}° from true north, clockwise")
-    named = {
-        "origin of map": (0.0, 0.0, 0.0),
-        "south-west": (x0, y0, 0.0),
-        "south-east": (x1, y0, 0.0),
-        "north-west": (x0, y1, 0.0),
-        "north-east": (x1, y1, 0.0),
+    origin = places.lon_lat_height(place, (0.0, 0.0, 0.0))[0]
+    _say(f"origin of map     {_shown(origin)}")
+    corners = {
+        "south-west": (x0, y0),
+        "south-east": (x1, y0),
+        "north-west": (x0, y1),
+        "north-east": (x1, y1),
     }
-    for name, point in named.items():
-        _say(f"{name:<17} {_shown(places.lon_lat_height(place, point)[0])}")
+    for name, corner in corners.items():  # no point of the ground: map's plane z = 0 is there
+        _say(f"{name:<17} {_lon_lat(places.lon_lat_height(place, (*corner, 0.0))[0])}")
     for text in from_map or ():
         point_m = _numbers(text, "--from-map", "X,Y or X,Y,Z")
         _say(f"map {text}  is  {_shown(places.lon_lat_height(place, point_m)[0])}")
@@ -132,14 +133,25 @@ def _numbers(text: str, option: str, expected: str) -> Sequence[float]:
     return [*values, 0.0][:3]
 
 
+def _system(system: CRS) -> str:
+    """Return a reference system's name; the projection of a warped file has none."""
+    operation = system.coordinate_operation
+    if operation is None or system.name.lower() not in ("undefined", "unknown"):
+        return str(system.name)
+    return f"{operation.method_name} around the middle of the file"
+
+
 def _body(system: CRS) -> str:
     name: str = system.ellipsoid.name if system.ellipsoid is not None else "unknown"
     return name
 
 
 def _shown(place: Sequence[float]) -> str:
-    lon, lat, height_m = place
-    return f"longitude {lon:.9f}°, latitude {lat:.9f}°, elevation {height_m:.3f} m"
+    return f"{_lon_lat(place)}, elevation {place[2]:.3f} m"
+
+
+def _lon_lat(place: Sequence[float]) -> str:
+    return f"longitude {place[0]:.9f}°, latitude {place[1]:.9f}°"
 
 
 def _say(text: str) -> None:

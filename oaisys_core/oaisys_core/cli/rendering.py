@@ -23,7 +23,7 @@ from oaisys_core.errors import InvalidInputError, RenderError
 
 if TYPE_CHECKING:
     from oaisys_core.cli.metadata_file import SampleRequest, Steps
-    from oaisys_core.cli.pose_steps import PoseSteps
+    from oaisys_core.cli.pose_steps import PoseSteps, ViewSteps
     from oaisys_core.cli.render_progress import RenderProgress
     from oaisys_core.config import SimulationConfig
     from oaisys_core.files.poses import PoseSelection
@@ -53,11 +53,25 @@ def render(
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y Z", help="Point in `map` at which the rig looks, in metres."),
     ] = None,
+    on_ground: Annotated[
+        bool,
+        typer.Option(
+            "--on-ground", help="Count Z of --position and --look-at from the surface below."
+        ),
+    ] = False,
     metadata: Annotated[
         Path | None,
         typer.Option(help="YAML or JSON list of metadata, one entry per view."),
     ] = None,
     seed: SeedOption = None,
+    world_seed: Annotated[
+        int | None,
+        typer.Option(
+            help="Seed of the one world, as a sample or the page of `oaisys live` tells it;"
+            " default: drawn from the root seed.",
+            min=0,
+        ),
+    ] = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
     size: SizeOption = None,
@@ -76,7 +90,7 @@ def render(
     the stage's centre, looking down.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
-    from oaisys_core.cli.pose_steps import view_steps
+    from oaisys_core.cli.pose_steps import ViewSteps
     from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.files.folders import make_folder
     from oaisys_core.files.poses import PoseSelection
@@ -94,20 +108,24 @@ def render(
     if output.save_blend and chosen.backend != "blender":
         expected = "the backend blender, or --no-save-blend"
         raise InvalidInputError("output.save_blend", chosen.backend, expected)
+    if world_seed is not None and output.batches != 1:
+        raise InvalidInputError("world-seed", world_seed, "none with several worlds (--batches)")
     selection = PoseSelection(topic=poses_topic, frame=poses_frame)
     steps = _steps(poses, selection, poses_camera, metadata, output.samples)
     if position is not None or look_at is not None:
         if poses is not None or metadata is not None:
             expected = "none with --poses or --metadata"
             raise InvalidInputError("look-at", look_at or position, expected)
-        steps = view_steps(position, look_at, output.samples)
+        steps = ViewSteps(position, look_at, output.samples, is_on_ground=on_ground)
+    elif on_ground:
+        raise InvalidInputError("on-ground", on_ground, "none without --position and --look-at")
     writer = SampleWriter(make_folder(output.folder), output.batch_offset)
     with own_stdout():
         simulation = Simulation(chosen)
         for note in texture_notes(chosen):
             typer.echo(note, err=True)
         try:
-            run = _Run(simulation, writer, steps, output.batches, output.save_blend)
+            run = _Run(simulation, writer, steps, output.batches, output.save_blend, world_seed)
             run.start(chosen, is_resumed=resume)
             run.finish()
         except InvalidInputError:
@@ -123,7 +141,7 @@ def _steps(
     camera: str | None,
     metadata: Path | None,
     samples: int,
-) -> Steps | PoseSteps:
+) -> Steps | PoseSteps | ViewSteps:
     from oaisys_core.cli.metadata_file import SampleRequest, Steps, load_steps
     from oaisys_core.cli.pose_steps import PoseSteps
     from oaisys_core.types import ModuleMetadata
@@ -151,9 +169,10 @@ class _Run:
         self,
         simulation: Simulation,
         writer: SampleWriter,
-        steps: Steps | PoseSteps,
+        steps: Steps | PoseSteps | ViewSteps,
         batches: int,
         saves_worlds: bool,
+        world_seed: int | None,
     ) -> None:
         from rich.console import Console
 
@@ -162,6 +181,7 @@ class _Run:
         self._steps = steps
         self._batches = batches
         self._saves_worlds = saves_worlds
+        self._world_seed = world_seed
         self._console = Console()
 
     def start(self, config: SimulationConfig, *, is_resumed: bool) -> None:
@@ -201,7 +221,9 @@ class _Run:
 
     def _build(self, batch_id: int, shown: RenderProgress) -> int:
         shown.begin(f"world {batch_id}")
-        built = self._simulation.step_batch(self._steps.batch, progress=shown)
+        built = self._simulation.step_batch(
+            self._steps.batch, seed=self._world_seed, progress=shown
+        )
         counts = self._simulation.info().group_counts
         self._writer.write_counts(built, counts)
         if counts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,6 +45,13 @@ def import_(
             " URDF's root, SDF's model."
         ),
     ] = None,
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LINK=FILE",
+            help="Robot: a link, and the calibration of the camera that is there. Can be repeated.",
+        ),
+    ] = None,
     model: Annotated[
         str | None, typer.Option(help="SDF: the model; default: the only one.")
     ] = None,
@@ -62,30 +69,48 @@ def import_(
     What was assumed, and what of the file is not used, stands in comments.
     """
     from oaisys_core.config import config_from_mapping
+    from oaisys_core.files.calibrations.reading import read_robot_file
+    from oaisys_core.importing.cameras_on_links import put_camera
+    from oaisys_core.importing.robots import robot_sections
 
     if out is not None:
         make_folder(out.parent)
-    heading, sections, notes = _read(file, out, base, model, packages or ())
+    notes: Sequence[str]
+    robot = read_robot_file(file, base, model)
+    if robot is not None:
+        heading = f"From {file.name} ({robot.sensors.format})."
+        for link, calibration in map(_link_and_file, camera or ()):
+            robot = put_camera(robot, link, calibration)
+        sections, notes = robot_sections(robot, file, out, packages or ())
+    else:
+        given = {"base": base, "model": model, "camera": camera, "packages": packages}
+        heading, sections, notes = _calibration(file, given)
     folder = Path() if out is None else out.parent
     config_from_mapping(sections, base=folder)
     write_or_print(_text(heading, sections, notes), out)
 
 
-def _read(
-    file: Path, out: Path | None, base: str | None, model: str | None, packages: Sequence[Path]
+def _link_and_file(text: str) -> tuple[str, Path]:
+    """Return the two parts of `--camera LINK=FILE`."""
+    from oaisys_core.errors import InvalidInputError
+
+    link, _, file = text.partition("=")
+    if not link or not file:
+        expected = "LINK=FILE, such as camera_link=front.yaml"
+        raise InvalidInputError("camera", text, expected)
+    return link, Path(file)
+
+
+def _calibration(
+    file: Path, for_robots: Mapping[str, Any]
 ) -> tuple[str, dict[str, Any], Sequence[str]]:
     """Return the heading, the sections and the notes of a configuration with a file's sensors."""
     from oaisys_core.errors import InvalidInputError
     from oaisys_core.files.calibrations import read_calibration
-    from oaisys_core.files.calibrations.reading import read_robot_file
-    from oaisys_core.importing.robots import robot_sections, sensors_section
+    from oaisys_core.importing.robots import sensors_section
 
-    robot = read_robot_file(file, base, model)
-    if robot is not None:
-        sections, notes = robot_sections(robot, file, out, packages)
-        return f"From {file.name} ({robot.sensors.format}).", sections, notes
-    for name, value in (("base", base), ("model", model), ("packages", packages or None)):
-        if value is not None:
+    for name, value in for_robots.items():
+        if value:
             raise InvalidInputError(name, value, "none: it is for robots (URDF, SDF)")
     found = read_calibration(file)
     return f"From {file.name} ({found.format}).", {"sensors": sensors_section(found)}, found.notes

@@ -28,6 +28,12 @@ ELEVATION_DRIVERS = (
 )
 """GDAL's drivers of formats in which an elevation model is one file that needs no other."""
 
+_NOT_RECOGNIZED = "not recognized as being in a supported file format"
+_UNKNOWN_FORMAT = (
+    "it is of no known format, such as GeoTIFF, .asc, .hgt or PNG; docs/files.md, Elevation models,"
+    " lists all, and writes an array as a GeoTIFF"
+)
+
 _HGT_NAME = re.compile(r"[NS]\d{2}[EW]\d{3}", re.IGNORECASE)
 """Beginning of the name of an SRTM tile, which says where it is."""
 
@@ -96,7 +102,8 @@ def open_raster(
             _check_size(file, use, shown)
             yield file
     except (RasterioError, OSError) as error:
-        raise use.refusal(shown, error) from error
+        is_unknown = _NOT_RECOGNIZED in str(error) and drivers is ELEVATION_DRIVERS
+        raise use.refusal(shown, _UNKNOWN_FORMAT if is_unknown else error) from error
 
 
 @contextmanager

@@ -77,7 +77,10 @@ def _no_sensors(robot: Robot) -> str:
     said = "it has no camera, lidar or IMU; in URDF they are <gazebo reference=LINK><sensor>"
     if robot.sensor_links:
         links = ", ".join(robot.sensor_links)[:300]
-        said += f". By their names, links that may hold sensors are {links}"
+        said += (
+            f". By their names, links that may hold sensors are {links};"
+            " --camera LINK=FILE puts the camera of a calibration there"
+        )
     return said
 
 

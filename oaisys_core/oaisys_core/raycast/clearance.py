@@ -98,10 +98,13 @@ def _check_reach(pose: Pose, extent_m: Extent) -> None:
 def _refusal(sensor: str, pose: Pose, clearance_m: float, least_m: float) -> InvalidInputError:
     if np.isnan(clearance_m):
         where = f"sensor {sensor!r} would be off the stage"
-    elif clearance_m < 0:
-        where = f"sensor {sensor!r} would be {-clearance_m:.3f} m under the surface"
     else:
-        where = f"sensor {sensor!r} would be only {clearance_m:.3f} m above the surface"
+        side = "under" if clearance_m < 0 else "above"
+        least_z_m = pose.position_m[2] - clearance_m + least_m
+        where = (
+            f"sensor {sensor!r} would be {abs(clearance_m):.3f} m {side} the surface; from"
+            f" z = {least_z_m:.3f} m on the rig is high enough there"
+        )
     return InvalidInputError(
         "pose.position",
         list(pose.position_m),

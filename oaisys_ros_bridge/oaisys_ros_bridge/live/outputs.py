@@ -50,7 +50,7 @@ class Outputs:
         """
         if not config_json:
             raise OaisysError("the simulator is older and does not tell its configuration")
-        text = f"# The world that was shown has the seed {seed} (StepBatch).\n"
+        text = f"# oaisys render --config FILE --world-seed {seed} has the world that was shown.\n"
         changed = apply_changes(json.loads(config_json), changes)
         text += yaml.safe_dump(changed, sort_keys=False, allow_unicode=True)
         return _write(self.new_path("config_", ".yaml"), text.encode())

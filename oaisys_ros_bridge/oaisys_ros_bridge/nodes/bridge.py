@@ -310,7 +310,8 @@ class BridgeNode(ParameterNode, ManagedNode):
         elif info is not None:  # rclpy wants a line of its own for each severity
             self.get_logger().info(f"simulator at {link.address}: {reason or 'ready'}")
         else:
-            self.get_logger().warning(f"simulator lost: {reason}")
+            state = "waiting for the simulator" if change.before.info is None else "simulator lost"
+            self.get_logger().warning(f"{state}: {reason}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import pytest
 import yaml
+from click.testing import Result
 from typer.testing import CliRunner
 
 from oaisys_core.cli.sensors import sensors_app
 from oaisys_core.config import load_config
+from oaisys_core.errors import InvalidInputError
 
 CHAIN = """\
 cam0:
@@ -36,3 +40,66 @@ def test_a_chain_becomes_a_section_with_what_was_assumed(tmp_path: Path) -> None
     camera = load_config(out).sensors.cameras[0]
     assert (camera.name, camera.width_px, camera.cx_px) == ("cam0", 752, 367.215)
     assert yaml.safe_load(text)["sensors"]["cameras"][0]["mount_position_m"] == [0.0, 0.0, -0.1]
+
+
+ROVER = """
+<robot name="rover">
+  <link name="base_link"/><link name="mast"/><link name="mast_optical"/>
+  <joint name="up" type="fixed">
+    <parent link="base_link"/><child link="mast"/><origin xyz="0.3 0 0.9" rpy="0 0.2 0"/>
+  </joint>
+  <joint name="turned" type="fixed">
+    <parent link="mast"/><child link="mast_optical"/>
+    <origin rpy="-1.5707963267948966 0 -1.5707963267948966"/>
+  </joint>
+</robot>
+"""
+FRONT = """
+image_width: 320
+image_height: 240
+camera_name: front
+camera_matrix: {rows: 3, cols: 3, data: [280, 0, 158.2, 0, 281, 121.3, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0, 0, 0, 0]}
+rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+projection_matrix: {rows: 3, cols: 4, data: [280, 0, 158.2, 0, 0, 281, 121.3, 0, 0, 0, 1, 0]}
+"""
+
+
+def import_rover(folder: Path, *options: str) -> Result:
+    (folder / "rover.urdf").write_text(ROVER)
+    (folder / "front.yaml").write_text(FRONT)
+    out = str(folder / "rover.yaml")
+    return CliRunner().invoke(
+        sensors_app, ["import", str(folder / "rover.urdf"), *options, "--out", out]
+    )
+
+
+@pytest.mark.parametrize("link", ["mast", "mast_optical"])
+def test_a_calibrated_camera_is_put_on_a_link(link: str, tmp_path: Path) -> None:
+    result = import_rover(tmp_path, "--camera", f"{link}={tmp_path / 'front.yaml'}")
+    assert result.exit_code == 0, result.output
+    camera = load_config(tmp_path / "rover.yaml").sensors.cameras[0]
+    assert (camera.name, camera.cx_px, camera.distortion.k1) == ("front", 158.2, -0.1)
+    assert camera.mount_position_m == pytest.approx((0.3, 0.0, 0.9))
+    # Pitched down by 0.2 rad about y, whichever of the two frames is named.
+    assert camera.mount_quat_xyzw == pytest.approx((0, math.sin(0.1), 0, math.cos(0.1)), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("mst=front.yaml", "did you mean mast?"),
+        ("front.yaml", "expected LINK=FILE"),
+        ("mast=rover.urdf", "with 0 cameras"),
+    ],
+)
+def test_a_camera_that_cannot_be_put_is_refused(given: str, message: str, tmp_path: Path) -> None:
+    link, equals, file = given.rpartition("=")
+    result = import_rover(tmp_path, "--camera", f"{link}{equals}{tmp_path / file}")
+    assert isinstance(result.exception, InvalidInputError)
+    assert message in str(result.exception)
+
+
+def test_a_robot_without_sensors_says_how_it_gets_some(tmp_path: Path) -> None:
+    assert "--camera LINK=FILE" in str(import_rover(tmp_path).exception)

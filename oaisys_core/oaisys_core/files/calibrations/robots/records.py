@@ -57,6 +57,7 @@ class Robot:
         visuals: How it looks.
         visual_notes: Which visuals are not used, and why.
         sensor_links: Links that may hold sensors, by their names alone.
+        T_base_links: By the name of each link its (4, 4) pose on the rig, joints at zero.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Robot:
     visuals: tuple[Visual, ...] = ()
     visual_notes: tuple[str, ...] = ()
     sensor_links: tuple[str, ...] = ()
+    T_base_links: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,7 @@ def read_sdf(root: XmlElement, base: str | None, model_name: str | None) -> Robo
         tuple(visuals),
         tuple(visual_notes.lines),
         links_like_sensors(list(content.links)),
+        {name: T_base_model @ content.frames.pose(name, FIELD) for name in content.links},
     )
 
 

@@ -65,6 +65,7 @@ def read_urdf(root: XmlElement, base: str | None) -> Robot:
         tuple(visuals),
         tuple(visual_notes.lines),
         links_like_sensors(list(links)),
+        in_base,
     )
 
 
