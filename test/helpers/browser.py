@@ -89,6 +89,11 @@ class Page:
         )
         return shown
 
+    def resize(self, width_px: int, height_px: int) -> None:
+        """Give the window another size."""
+        size = {"width": width_px, "height": height_px, "deviceScaleFactor": 1, "mobile": False}
+        self._call("Emulation.setDeviceMetricsOverride", **size)
+
     def hold_key(self, code: str, key: str, seconds: float) -> None:
         """Hold a key down, such as ``KeyW``, which types ``w``."""
         for kind, pause_s in (("keyDown", seconds), ("keyUp", 0.0)):

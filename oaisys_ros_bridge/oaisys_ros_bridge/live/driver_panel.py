@@ -124,7 +124,14 @@ class DriverPanel:
     def _add_light(self) -> None:
         gui = self._gui
         elevation = gui.add_slider("sun height, deg", min=-10, max=90, step=0.5, initial_value=38)
-        azimuth = gui.add_slider("sun azimuth, deg", min=0, max=360, step=1, initial_value=125)
+        azimuth = gui.add_slider(
+            "sun azimuth, deg",
+            min=0,
+            max=360,
+            step=1,
+            initial_value=125,
+            hint="From +x (east) towards +y (north).",
+        )
         time = gui.add_text("time", "", hint="With UTC offset: 2026-06-21T12:00:00+02:00")
         latitude = gui.add_number("latitude, deg", _PLACE[0], min=-90, max=90, step=0.1)
         longitude = gui.add_number("longitude, deg", _PLACE[1], min=-180, max=180, step=0.1)
@@ -161,7 +168,10 @@ class DriverPanel:
             (is_automatic, expose),
         ):
             field.on_update(self._checked(react))
-        gui.add_button("Sun by time and place").on_click(self._checked(set_time))
+        by_time = gui.add_button(
+            "Sun by time and place", hint="Until a slider of the sun is moved."
+        )
+        by_time.on_click(self._checked(set_time))
 
     def _add_outputs(self) -> None:
         gui = self._gui

@@ -25,6 +25,9 @@ PIVOT_M = 0.1
 ECHO_TOLERANCE_M = 1e-3
 """How far a browser is from where it was sent, by rounding."""
 
+ASPECT_TOLERANCE = 0.01
+"""By how much the shape of a window differs from that of its picture, as a share."""
+
 NOTE_S = 8.0
 """How long a note stays on the page."""
 
@@ -62,6 +65,7 @@ class LivePage:
         self._pose: FloatArray | None = None
         self._camera: PinholeIntrinsics | None = None
         self._picture: NDArray[np.uint8] | None = None
+        self._drawn_aspect = 0.0
         self._is_recording = False
         self._status = viewer.server.gui.add_markdown("Starting.", order=-100)
         self._images: dict[str, Any] = {}
@@ -220,6 +224,9 @@ class LivePage:
             is_driver = self._driver is not None and self._driver.client_id == client.client_id
             if not is_driver or not self._shows_picture() or self._pose is None:
                 return
+            # The side panels take their places after the first picture, and windows are resized.
+            if not np.isclose(aspect_of(camera), self._drawn_aspect, rtol=ASPECT_TOLERANCE):
+                self._draw_background(client)
             pose = pose_of(camera)
             if pose is None:
                 return
@@ -255,7 +262,8 @@ class LivePage:
     def _draw_background(self, client: viser.ClientHandle) -> None:
         if self._picture is None or self._camera is None:
             return
-        canvas = letterbox(self._picture, aspect_of(client.camera))
+        self._drawn_aspect = aspect_of(client.camera)
+        canvas = letterbox(self._picture, self._drawn_aspect)
         client.scene.set_background_image(canvas, "jpeg", jpeg_quality=JPEG_QUALITY)
 
 

@@ -267,7 +267,7 @@ class LiveSession:
 
     def _keep_pose(self) -> None:
         path, count = self._outputs.keep_pose(self._present_sample().rig_pose)
-        self._page.note("Pose kept", f"{path}: {count} poses")
+        self._page.note("Pose kept", f"{path}: {count} pose{'' if count == 1 else 's'}")
 
     def _export_config(self) -> None:
         seed = self._present_sample().provenance.batch_seed

@@ -167,16 +167,23 @@ def test_a_person_changes_the_light_drives_and_keeps_what_is_seen(tmp_path):
         page.fill_in("time", "2026-06-21T12:00:00")
         page.click_button("Sun by time and place")
         shows(page, "a time with its zone")
+        page.fill_in("time", "2026-06-21T23:30:00+02:00")
+        page.click_button("Sun by time and place")
+        by_day = dark.mean()
+        picture_of_which(page, files, lambda each: each.mean() < 0.1 * by_day)
         page.fill_in("sun height, deg", "12")
+        low = picture_of_which(page, files, lambda each: each.mean() > 0.2 * by_day).astype(float)
+        page.fill_in("sun azimuth, deg", "300")
+        picture_of_which(page, files, lambda each: abs(each - low).mean() > 0.02 * low.mean())
         page.choose("vehicle", "drive the rover")
         shows(page, f", {CAMERA_HEIGHT_M}) m")
         page.click_at(*IN_THE_PICTURE_PX)
         page.hold_key("KeyW", "w", 1.0)
         page.wait_for("!document.body.innerText.includes('from (-9.0, -6.0,')")
         shows(page, f", {CAMERA_HEIGHT_M}) m")
-        for count in (1, 2):
+        for count in ("1 pose", "2 poses"):
             page.click_button("Keep the pose for a survey")
-            shows(page, f"{count} poses")
+            shows(page, count)
         page.click_button("Export the configuration")
         shows(page, "config_0001.yaml")
         page.click_button("End the bag")
@@ -184,6 +191,8 @@ def test_a_person_changes_the_light_drives_and_keeps_what_is_seen(tmp_path):
         assert page.errors == []
     exported = yaml.safe_load((files / "config_0001.yaml").read_text())
     assert exported["environment"]["sun_elevation_deg"] == 12
+    assert exported["environment"]["sun_azimuth_deg"] == 300
+    assert exported["environment"]["sun_from_time"] is None
     assert exported["environment"]["haze"]["visibility_m"] == HAZE_M
     assert exported["render"]["exposure_ev"] == -4
     rows = list(csv.DictReader((files / "survey_0001.csv").open(newline="")))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from browser import Page, browser_page
+from numpy.typing import NDArray
 from waiting import wait_until
 
 from oaisys_core.geometry import T_LINK_OPTICAL
-from oaisys_mapping.report.web_viewer import WebViewer
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping.evaluation.visibility import PosedCamera
+from oaisys_mapping.report.web_viewer import PosedImages, WebViewer
 from oaisys_ros_bridge.live.desk import Desk
 from oaisys_ros_bridge.live.page import LivePage, letterbox
 
@@ -42,6 +46,37 @@ def test_several_look_and_one_drives(tmp_path):
         # The driver's page is closed: nobody drives until somebody does.
         first.click_button("Take the wheel")
         shows(first, "New world")
+
+
+def shape_of_largest(window: NDArray[np.uint8]) -> float:
+    """The width over the height of the largest part of a window that is magenta; 0 without one."""
+    red, green, blue = (window[..., channel].astype(int) for channel in range(3))
+    is_magenta = (red - green > 90) & (blue - green > 90)
+    _, _, found, _ = cv2.connectedComponentsWithStats(is_magenta.astype(np.uint8))
+    parts = found[1:]
+    if not len(parts):
+        return 0.0
+    largest = parts[parts[:, cv2.CC_STAT_AREA].argmax()]
+    return float(largest[cv2.CC_STAT_WIDTH] / largest[cv2.CC_STAT_HEIGHT])
+
+
+@pytest.mark.long
+def test_the_window_shows_the_picture_s_shape_whatever_its_own(tmp_path):
+    magenta = np.full((90, 120, 3), (200, 0, 200), np.uint8)
+    camera = PosedCamera(PinholeIntrinsics(120, 90, 100.0, 100.0, 59.5, 44.5), T_LINK_OPTICAL)
+
+    def is_in_shape(window: NDArray[np.uint8]) -> bool:
+        return abs(shape_of_largest(window) - 120 / 90) < 0.05
+
+    with WebViewer("127.0.0.1", 0, 10.0) as viewer, browser_page(tmp_path, (1000, 560)) as person:
+        page = LivePage(viewer, Desk(), "")
+        person.open(viewer.url)
+        shows(person, "New world")
+        page.show_picture(PosedImages("camera", magenta, None, None, camera))
+        page.show_pose(T_LINK_OPTICAL)
+        person.wait_until_shown(is_in_shape)
+        person.resize(900, 900)
+        person.wait_until_shown(lambda window: window.shape[0] == 900 and is_in_shape(window))
 
 
 def test_a_picture_keeps_its_shape_between_black_bars():
