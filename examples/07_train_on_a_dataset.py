@@ -1,6 +1,8 @@
-"""Train a tiny segmentation network on a data set of `oaisys dataset render`, if PyTorch is there.
+"""Train a tiny network: it learns the labels of a data set, if PyTorch is there.
 
-python examples/07_train_on_a_dataset.py DATASET [STEPS]
+    python examples/07_train_on_a_dataset.py DATASET [STEPS]
+
+DATASET is a folder or an address to which `oaisys dataset render` wrote.
 """
 
 import argparse
@@ -14,7 +16,6 @@ parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("dataset", help="its folder or address")
 parser.add_argument("steps", nargs="?", type=int, default=20)
 options = parser.parse_args()
-
 dataset = open_dataset(options.dataset).split("train")
 rng = np.random.default_rng(0)
 
@@ -32,7 +33,6 @@ try:
     import torch
 except ImportError:
     sys.exit(print("PyTorch is not installed: nothing was trained"))
-
 net = torch.nn.Sequential(
     torch.nn.Conv2d(3, 16, 5, padding=2), torch.nn.ReLU(), torch.nn.Conv2d(16, classes, 1)
 )

@@ -15,7 +15,7 @@ from tools.docs.notebook_pages import notebook_files, notebook_pages
 from tools.docs.tutorial_pages import tutorial_pages
 from tools.programs import ROOT
 
-PICTURES = frozenset({".jpg", ".png", ".svg", ".webp"})
+ASSETS = frozenset({".css", ".jpg", ".png", ".svg", ".webp"})
 
 PAGES = {
     "README.md": "index.md",
@@ -64,7 +64,7 @@ def _places() -> Iterator[tuple[Path, Path]]:
     for source, target in PAGES.items():
         yield Path(source), Path(target)
     for path in sorted((ROOT / "docs").rglob("*")):
-        if path.suffix == ".md" or path.suffix in PICTURES:
+        if path.suffix == ".md" or path.suffix in ASSETS:
             yield path.relative_to(ROOT), path.relative_to(ROOT / "docs")
     for path in notebook_files():
         yield path.relative_to(ROOT), NOTEBOOK_FOLDER / path.name

@@ -57,6 +57,23 @@ SHAPES = """
 |---|---|---|
 """
 
+SKIES = """
+## Skies
+
+`environment.sky.model`, each as in an example. [Light](light.md) has the sun, haze and clouds.
+
+| name | what it is | example | |
+|---|---|---|---|
+"""
+
+SKY_MODELS = {
+    "atmosphere": ("Earth's, on a clear day: sunlight that air, dust and ozone scatter.", "sky"),
+    "none": ("Black, as on the Moon.", "moon"),
+    "overcast": ("Thick clouds from horizon to horizon, without a sun.", "overcast"),
+    "plain": ("Colours of your own for zenith and horizon, here those of Mars.", "mars"),
+}
+"""What each sky is, and which ``environment_*.yaml`` of the examples shows it."""
+
 PLANT_COLUMNS = 3
 
 FOLDERS = """
@@ -171,7 +188,7 @@ def names_text(relief_m: Mapping[str, float]) -> str:
         (f"`{n}`", *axes[n], _place(n in ROUNDED), _picture("rocks", n)) for n in sorted(STYLES)
     ]
     vehicles = [
-        (f"`{n}`", _meaning(made), _picture("vehicles", n)) for n, made in sorted(VEHICLES.items())
+        (f"`{n}`", _vehicle(made), _picture("vehicles", n)) for n, made in sorted(VEHICLES.items())
     ]
     maps = [(kind, words) for kind, words in map_names.WORDS.items() if kind != map_names.PACKED]
     packed = [
@@ -184,6 +201,8 @@ def names_text(relief_m: Mapping[str, float]) -> str:
     parts += [
         SHAPES.format(plants=_plant_table(sorted(PLANTS))),
         _rows(vehicles),
+        SKIES,
+        _rows(_sky(name, *said) for name, said in SKY_MODELS.items()),
         FOLDERS.format(suffixes=suffixes),
         _rows(maps),
     ]
@@ -196,6 +215,12 @@ def _meaning(maker: Any) -> str:
     return " ".join((inspect.getdoc(maker) or "").split("\n\n")[0].split()).replace("|", "\\|")
 
 
+def _vehicle(maker: Any) -> str:
+    """Return what a function says that it returns."""
+    meaning = _meaning(maker).removeprefix("Return ")
+    return meaning[:1].upper() + meaning[1:]
+
+
 def _place(is_worn: bool) -> str:
     return "where water runs" if is_worn else "near scarps"
 
@@ -203,6 +228,12 @@ def _place(is_worn: bool) -> str:
 def _picture(group: str, name: str) -> str:
     """Return a picture that `make site-pictures` makes, for a page in ``docs/``."""
     return f"![{name}](pictures/{group}/{name}.webp)"
+
+
+def _sky(name: str, meaning: str, example: str) -> tuple[str, ...]:
+    file = f"environment_{example}.yaml"
+    link = f"[{file}](../config/examples/{file})"
+    return f"`{name}`", meaning, link, _picture("skies", name)
 
 
 def _plant_table(names: Sequence[str]) -> str:

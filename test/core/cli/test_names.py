@@ -8,8 +8,9 @@ import pytest
 import yaml
 from repository import REPOSITORY
 
-from oaisys_core.cli.names import measure_relief_m, names_text
+from oaisys_core.cli.names import SKY_MODELS, measure_relief_m, names_text
 from oaisys_core.config import config_from_mapping
+from oaisys_core.config.sections.environment import SkyConfig
 from oaisys_core.procedural.terrain.presets import PRESETS
 from oaisys_core.world.config_files import name_faults
 
@@ -39,3 +40,8 @@ def test_the_recipes_are_valid_configurations() -> None:
     assert len(recipes) == 2
     for recipe in recipes:
         assert name_faults(config_from_mapping(yaml.safe_load(recipe))) == []
+
+
+def test_every_sky_is_named() -> None:
+    values = SkyConfig.model_json_schema()["properties"]["model"]["anyOf"]
+    assert set(SKY_MODELS) == {each for value in values for each in value.get("enum", ["overcast"])}

@@ -18,6 +18,7 @@ from oaisys_core.config.draws import is_draw
 from oaisys_core.config.schema import all_models
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
+from oaisys_core.world.config_files import name_faults
 
 PAGES = [
     *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
@@ -35,6 +36,9 @@ MAPPING = re.compile(r"`(?:([a-z_]+): )?(\{[^`\"]*\})`")
 NOT_OURS = {"drive.json", "drive.launch.py", "drive.received", "render.threads"}
 """Files, an attribute in Python, and a setting of Blender."""
 
+MISSING_FILE = "region.tif"
+"""Of a reader's own, in one example."""
+
 
 def found_in(pattern: re.Pattern[str]) -> Iterator[Any]:
     """Yield what a pattern finds on all pages, with the page's name."""
@@ -51,6 +55,8 @@ def test_blocks_are_accepted(block: str) -> None:
     data = yaml.safe_load(block)
     if not accepts(SimulationConfig, data):
         config_from_mapping(data)  # says what is wrong
+    if MISSING_FILE not in block:
+        assert name_faults(config_from_mapping(data)) == []
 
 
 @pytest.mark.parametrize(("key", "value"), found_in(KEY))

@@ -28,7 +28,7 @@ def main(
     backend: Annotated[str, typer.Option(help="blender or analytic.")] = "blender",
     quality: Annotated[str, typer.Option(help="Quality of colour.")] = "standard",
 ) -> None:
-    """Render terrains, textures, rocks, plants, vehicles and keys; write the page of the keys."""
+    """Render a picture of each name and two of each key; write the page of the keys."""
     logging.basicConfig(level=logging.WARNING)
 
     def is_due(group: str, name: str) -> bool:

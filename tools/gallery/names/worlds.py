@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import yaml
 
+from oaisys_core.cli.names import SKY_MODELS
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.scatter.rocks import STYLES
@@ -17,12 +19,17 @@ from oaisys_core.procedural.terrain.presets import PRESETS
 from oaisys_core.procedural.textures.library import RECIPES
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Pose, merge
-from tools.gallery.scenes import ABOVE, CLOSE
+from tools.gallery.scenes import ABOVE, CLOSE, StageViewpoint
+from tools.programs import ROOT
+
+EXAMPLES = ROOT / "config" / "examples"
 
 SIZE_PX = (240, 160)
 
 CAMERA = {"name": "camera", "width_px": SIZE_PX[0], "height_px": SIZE_PX[1]}
 LENS = {"fx_px": 200.0, "fy_px": 200.0}
+
+UNDER_SKY = StageViewpoint("under the sky", (-0.5, -0.5), 2.0, (0.3, 0.3), 4.0)
 
 SPACING_M = 40.0
 """Distance of things that stand in a row along y; views are along x."""
@@ -112,6 +119,8 @@ def all_pictures() -> Iterator[NamedPicture]:
     for name in sorted(RECIPES):
         yield NamedPicture("textures", name, _texture(name), CLOSE)
     yield from _things()
+    for name, (_, example) in sorted(SKY_MODELS.items()):
+        yield NamedPicture("skies", name, _sky(example), UNDER_SKY)
 
 
 def _things() -> Iterator[NamedPicture]:
@@ -136,6 +145,14 @@ def _terrain(name: str) -> dict[str, Any]:
         "assets": {"rocks": []},
         "environment": {"sun_elevation_deg": 24.0},
     }
+
+
+def _sky(example: str) -> dict[str, Any]:
+    """Return the world of an example; where it draws its sky, with one for all pictures."""
+    if example == "sky":
+        return {"seed": 4, "environment": {"sun_elevation_deg": 30.0}}
+    file = EXAMPLES / f"environment_{example}.yaml"
+    return dict(yaml.safe_load(file.read_text(encoding="utf-8")))
 
 
 def _texture(name: str) -> dict[str, Any]:
