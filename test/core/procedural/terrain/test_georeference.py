@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -219,6 +220,16 @@ def test_the_command_says_where_a_model_lies(tmp_path: Path) -> None:
     assert wrong.exit_code != 0
 
 
+def test_a_warped_file_is_told_by_its_projection(tmp_path: Path) -> None:
+    path = tmp_path / "wide.tif"
+    write(path, "EPSG:4326", Affine(1e-3, 0, 11.0, 0, -1e-3, 46.5))
+    said = CliRunner().invoke(app, ["place", "info", str(path)])
+    assert said.exit_code == 0, said.output
+    assert "Azimuthal Equidistant around the middle of the file" in said.output
+    (corner,) = re.findall(r"south-west +(.*)", said.output)
+    assert "elevation" not in corner, "the ground is not at z = 0 there"
+
+
 def _grid(**header: str) -> bytes:
     whole = {"ncols": "2", "nrows": "2", "xllcorner": "0", "yllcorner": "0", "cellsize": "1"}
     lines = [f"{key} {value}" for key, value in {**whole, **header}.items()]
@@ -229,6 +240,7 @@ def _grid(**header: str) -> bytes:
     ("name", "content", "said"),
     [
         ("empty.tif", b"", "it is empty"),
+        ("array.npz", b"PK\x03\x04 an archive", "writes an array as a GeoTIFF"),
         ("nan.asc", _grid(xllcorner="nan", cellsize="1e400"), "finite"),
         ("no_file.tif", None, "existing file"),
         ("pipe.tif", "pipe", "no pipe"),
