@@ -345,7 +345,12 @@ def drawn_environment(draw: Draw, body: str) -> Json:
         haze = draw.some(visibility_m=draw.log(50, 3e4), angstrom_exponent=draw.number(0, 4))
         environment["haze"] = haze | draw.some(color_srgb=draw.color(0.5, 1.0))
     if draw.chance(0.25) and sky["model"] != "none":
-        environment["clouds"] = draw.some(cover=draw.number(0, 1), base_m=draw.log(300, 3000))
+        environment["clouds"] = draw.some(
+            cover=draw.number(0, 1),
+            base_m=draw.log(300, 3000),
+            kind=draw.one(("cumulus", "stratocumulus")),
+            thickness_m=draw.log(20, 2000),
+        )
     if draw.chance(0.12):
         environment["hdri"] = {"images": [{"file": draw.file("sky.hdr")}], "rotation_deg": [0, 360]}
         environment["hdri"] |= draw.some(keep_sun=True)

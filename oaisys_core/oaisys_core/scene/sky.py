@@ -17,6 +17,8 @@ Color = tuple[float, float, float]
 
 SkyModel = Literal["atmosphere", "plain", "none"]
 
+CloudKind = Literal["cumulus", "stratocumulus"]
+
 
 @dataclass(frozen=True)
 class Gradient:
@@ -69,19 +71,23 @@ class Haze:
 
 @dataclass(frozen=True)
 class Clouds:
-    """Cumulus clouds, which cameras and reflections see; light and shadows are as without them.
+    """Clouds, which cameras and reflections see; light and shadows are as without them.
 
     Attributes:
-        cover: Share of the sky above that they hide.
+        cover: Share of what is straight above that they hide.
         base_m: Height of their flat undersides above the ground.
         size_m: Distance from one to the next, about.
-        start: (x, y) where in the endless pattern of clouds the world is, in sizes.
+        thickness_m: Height of the highest tops above the base.
+        seed: Of where they are.
+        kind: Heaps, or a layer of rolls.
     """
 
     cover: float
     base_m: float
     size_m: float
-    start: tuple[float, float]
+    thickness_m: float
+    seed: int
+    kind: CloudKind = "cumulus"
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +181,11 @@ class Sky:
     def shows_plain(self) -> bool:
         """Whether the ground beyond the stage is visible."""
         return self.has_plain and self.hdri is None
+
+    @property
+    def shows_clouds(self) -> bool:
+        """Whether there are clouds before the sky."""
+        return self.clouds is not None and self.hdri is None
 
     @property
     def to_sun(self) -> Color:

@@ -26,7 +26,7 @@ from oaisys_core.config.sections.lamps import MAX_LAMPS, LampConfig, LampName
 from oaisys_core.config.sections.layers import LabelImageConfig
 from oaisys_core.config.sections.sun import SunFromTimeConfig
 from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
-from oaisys_core.scene.sky import SkyModel
+from oaisys_core.scene.sky import CloudKind, SkyModel
 
 Density = Annotated[Range, Within(0.0, 10.0)]
 Turn = Annotated[Range, Within(-720.0, 720.0)]
@@ -131,17 +131,23 @@ class HazeConfig(Section):
 
 
 class CloudsConfig(Section):
-    """Cumulus clouds as cameras see them; light and shadows are as without them.
+    """Clouds with volume as cameras see them; light and shadows are as without them.
 
     Attributes:
-        cover: Share of the sky that they hide: 0.1 to 0.5 are fair-weather clouds.
+        kind: ``cumulus`` are heaps with flat undersides, ``stratocumulus`` is a low layer of rolls.
+        cover: Share of the sky straight above that they hide: 0.1 to 0.5 are fair weather. Nearer
+            to the horizon one sees their sides and less sky between them.
         base_m: Height of their undersides above the ground.
         size_m: Distance from one to the next, about.
+        thickness_m: Height of the highest tops above the undersides. None: 0.45 times the size of
+            cumulus, 0.2 times that of stratocumulus.
     """
 
+    kind: CloudKind = "cumulus"
     cover: Annotated[Range, Within(0.0, 1.0)] = (0.25, 0.25)
     base_m: Annotated[Range, Within(100.0, 12_000.0)] = (1400.0, 1400.0)
     size_m: Annotated[Range, Within(50.0, 20_000.0)] = (1800.0, 1800.0)
+    thickness_m: Annotated[Range, Within(10.0, 12_000.0)] | None = None
 
 
 class EffectConfig(BaseModel):

@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from oaisys_core.color import LUMINANCE, linear, mean_linear
+from oaisys_core.procedural.environment.clouds.dome import before_sky
 from oaisys_core.procedural.environment.light import (
     gradient_irradiance_w_m2,
     sky_irradiance_w_m2,
@@ -123,6 +124,9 @@ def mean_color(maps: PbrMaps) -> FloatArray:
 def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
     """Return the (N, 3) linear radiance of the sky along (N, 3) directions in ``map``."""
     radiance = _clear_radiance(sky, directions)
+    if sky.shows_clouds:
+        is_up = directions[:, 2] >= 0
+        radiance[is_up] = before_sky(sky, directions[is_up], radiance[is_up])
     if sky.haze is None:
         return radiance
     up = directions[:, 2] / np.linalg.norm(directions, axis=1)

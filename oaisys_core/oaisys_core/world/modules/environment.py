@@ -37,7 +37,7 @@ from oaisys_core.procedural.environment.sun_in_map import (
     sun_diameter_rad,
 )
 from oaisys_core.scene import Lamp
-from oaisys_core.scene.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
+from oaisys_core.scene.sky import CloudKind, Clouds, Color, Gradient, Haze, Hdri, Sky
 from oaisys_core.world.module import Metadata, SectionModule, World, override
 from oaisys_core.world.modules.lamps import check_changes, lamps_that_are_on
 
@@ -51,8 +51,8 @@ With the limit, haze of kilometres pales the sky within a few degrees of the hor
 the sky contain the air above it.
 """
 
-CLOUD_PATTERN_SIZES = 500.0
-"""Part of the endless pattern of clouds in which worlds are, in sizes of a cloud."""
+CLOUD_THICKNESS: dict[CloudKind, float] = {"cumulus": 0.45, "stratocumulus": 0.2}
+"""Default thickness of clouds, in sizes."""
 
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
 """Wavelengths of red, green and blue; the visual range refers to green."""
@@ -303,12 +303,17 @@ def _clouds(config: CloudsConfig | None, draws: NamedDraws) -> Clouds | None:
     """Return the clouds of a configuration."""
     if config is None:
         return None
-    x, y = draws.rng("clouds").uniform(0.0, CLOUD_PATTERN_SIZES, 2).tolist()
+    size_m = draws.number("clouds.size_m", config.size_m)
+    thickness_m = CLOUD_THICKNESS[config.kind] * size_m
+    if config.thickness_m is not None:
+        thickness_m = draws.number("clouds.thickness_m", config.thickness_m)
     return Clouds(
         cover=draws.number("clouds.cover", config.cover),
         base_m=draws.number("clouds.base_m", config.base_m),
-        size_m=draws.number("clouds.size_m", config.size_m),
-        start=(x, y),
+        size_m=size_m,
+        thickness_m=thickness_m,
+        seed=int(draws.rng("clouds").integers(2**31)),
+        kind=config.kind,
     )
 
 

@@ -93,7 +93,10 @@ class TestRanges:
         first, again, other = (require(skies(section, seed=seed)[0].clouds) for seed in (1, 1, 2))
         assert 0.2 <= first.cover <= 0.4
         assert first == again
-        assert first.start != other.start
+        assert first.seed != other.seed
+        assert first.thickness_m == 0.45 * first.size_m
+        layer = {"clouds": {"kind": "stratocumulus", "thickness_m": [50, 60]}}
+        assert 50 <= require(skies(layer)[0].clouds).thickness_m <= 60
         assert skies({})[0].clouds is None
 
     def test_a_batch_keeps_its_draw(self) -> None:

@@ -15,7 +15,7 @@ from oaisys_core.render.blender.materials.haze import clear_share, set_haze
 from oaisys_core.render.blender.materials.images import new_image
 from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
 from oaisys_core.render.blender.materials.photometric import set_law
-from oaisys_core.render.blender.objects.clouds import before_sky
+from oaisys_core.render.blender.objects.clouds import CloudPicture, before_sky
 from oaisys_core.render.shading.shading import MIN_UP
 from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.scene.sky import Color, Haze, Hdri, Sky, SkyImage
@@ -32,10 +32,12 @@ class Background:
         bpy.context.scene.world = self._world
         self._image: Any = None
         self._image_of: SkyImage | None = None
+        self._clouds = CloudPicture()
 
     def set(self, sky: Sky) -> None:
         """Rebuild the shader for a sky."""
         self._keep_image(sky.hdri.image if sky.hdri else None)
+        self._clouds.set(sky)
         # Only an image may contain a sun that must be sampled as a light; without that, all light
         # samples go to the lamp.
         self._world.cycles.sampling_method = "AUTOMATIC" if sky.hdri else "NONE"
@@ -46,8 +48,8 @@ class Background:
             color = self._hdri_color(tree, sky.hdri, ray)
         else:
             color = _sky_color(tree, sky, ray)
-        if sky.sun_disc > 0:
-            color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
+        disc = _disc_color(tree, sky, ray) if sky.sun_disc > 0 else None
+        open_sky = color if disc is None else tree.vector("ADD", color, disc)
 
         def with_color(color: Socket) -> Socket:
             """Return the background of a sky of this colour."""
@@ -57,14 +59,13 @@ class Background:
                 color = _behind_haze(tree, sky, sky.haze, ray, color)
             return tree.add("Background", {"Color": color}).outputs[0]
 
-        surface = with_color(color)
-        if sky.clouds is not None and sky.hdri is None:
+        surface = with_color(open_sky)
+        if sky.shows_clouds:
             seen = tree.add("LightPath").outputs
             is_seen = tree.math("MAXIMUM", seen["Is Camera Ray"], seen["Is Glossy Ray"])
             # A background of its own, which Cycles evaluates for these rays only.
-            surface = tree.mix(
-                is_seen, surface, with_color(before_sky(tree, sky, sky.clouds, ray, color))
-            )
+            seen_color = before_sky(tree, sky, self._clouds.along(tree, ray), color, disc)
+            surface = tree.mix(is_seen, surface, with_color(seen_color))
         tree.add("OutputWorld", {"Surface": surface})
 
     def _hdri_color(self, tree: NodeTree, hdri: Hdri, ray: Socket) -> Socket:

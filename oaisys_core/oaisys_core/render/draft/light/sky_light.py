@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.environment import atmosphere
+from oaisys_core.procedural.environment.clouds.dome import before_sky, sun_through_clouds
 from oaisys_core.procedural.environment.light import plain_radiance, sun_color
 from oaisys_core.render.draft.appearance import Floats, by_component, zeros
 from oaisys_core.render.draft.ground.texture_atlas import sample
@@ -44,7 +45,8 @@ class SkyLight:
             )
             self._clear = found * np.float32(sky.sky_strength)
         rays = _directions()
-        radiance = self.radiance(rays)
+        # Clouds leave the light of the sky.
+        radiance = self._behind_haze(rays, self._without_haze(rays))
         radiance[rays[:, 2] < 0] = 0
         # Each direction stands for the same solid angle.
         basis = _harmonics(rays.astype(np.float32))
@@ -72,17 +74,27 @@ class SkyLight:
         With the sun's disc, if it is to be seen.
         """
         sky, found = self._sky, self._without_haze(rays)
+        is_seen = sky.shows_clouds & (rays[:, 2] >= 0)
+        if sky.shows_clouds:
+            found[is_seen] = before_sky(sky, rays[is_seen], found[is_seen])
         if with_disc and sky.sun_disc > 0:
             radius_rad = max(sky.sun_angular_diameter_rad / 2, MIN_DISC_RAD)
             cosines = rays @ np.array(sky.to_sun) / np.linalg.norm(rays, axis=1)
             brightness = sky.sun_disc * sky.sun_strength_w_m2 / (pi * sin(radius_rad) ** 2)
             disc = brightness * np.array(sun_color(sky))
-            found[cosines > cos(radius_rad)] += disc.astype(np.float32)
-        if sky.haze is None:
+            is_disc = cosines > cos(radius_rad)
+            if sky.shows_clouds and is_disc.any():
+                disc = disc * sun_through_clouds(sky, rays[is_disc])[:, None]
+            found[is_disc] += disc.astype(np.float32)
+        return self._behind_haze(rays, found)
+
+    def _behind_haze(self, rays: FloatArray, found: Floats) -> Floats:
+        haze = self._sky.haze
+        if haze is None:
             return found
         up = rays[:, 2] / np.linalg.norm(rays, axis=1)
-        away_m = sky.haze.thickness_m / np.maximum(up, MIN_UP)
-        return np.asarray(in_haze(found.astype(np.float64), away_m, sky.haze, sky), np.float32)
+        away_m = haze.thickness_m / np.maximum(up, MIN_UP)
+        return np.asarray(in_haze(found.astype(np.float64), away_m, haze, self._sky), np.float32)
 
     def _without_haze(self, rays: FloatArray) -> Floats:
         sky = self._sky
