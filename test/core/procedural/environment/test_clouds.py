@@ -7,6 +7,7 @@ from math import exp, pi, sin
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from synthetic_worlds import SUNNY
 
 from oaisys_core.procedural.environment.clouds import dome
@@ -47,7 +48,7 @@ def extinctions_per_m(field: CloudField, points: int) -> FloatArray:
     return np.array([field.slab(index).at(excess, x, y) for index in range(SLABS)])
 
 
-def rays_of(rows: FloatArray, columns: FloatArray) -> FloatArray:
+def rays_of(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> FloatArray:
     """Unit vectors through the middles of a dome's pixels."""
     up_rad = dome.cloud_elevations_rad()[rows]
     azimuth_rad = 2 * pi * (columns + 0.5) / dome.COLUMNS
@@ -69,14 +70,14 @@ def test_a_thick_cloud_that_faces_the_sun_is_as_bright_as_white_ground() -> None
     edges = np.linspace(0, 60, 6001)
     depth = ((edges[1:] + edges[:-1]) / 2).astype(np.float32)
     for cosine in (-1.0, -0.5, 0.0):
-        phases = np.broadcast_to(order_phases(np.float32([cosine])), (8, len(depth)))
+        phases = np.broadcast_to(order_phases(np.array([cosine], np.float32)), (8, len(depth)))
         # The observer looks in where the sun shines in.
         held = np.exp(-edges[:-1]) - np.exp(-edges[1:])
         reflected = pi * float((scattered(depth, phases) * held).sum())
         assert 0.65 < reflected < 0.85
-        behind = pi * float(scattered(np.float32([40]), phases[:, :1])[0])
+        behind = pi * float(scattered(np.array([40], np.float32), phases[:, :1])[0])
         assert 0.1 < behind < 0.25
-    assert diffuse_share(np.float32([0, 40])) == pytest.approx([1, 1 / 5.5], rel=1e-6)
+    assert diffuse_share(np.array([0, 40], np.float32)) == pytest.approx([1, 1 / 5.5], rel=1e-6)
 
 
 def test_lobes_repeat_without_a_seam() -> None:
@@ -103,7 +104,7 @@ def test_the_nearest_point_is_found_across_cells() -> None:
 
 def test_a_tile_goes_on_beyond_its_edges() -> None:
     image = np.random.default_rng(2).random((8, 8)).astype(np.float32)
-    x, y = np.float32([3, 11, -5, 7.5, 2]), np.float32([2, -6, 18, 0, 7.5])
+    x, y = np.array([3, 11, -5, 7.5, 2], np.float32), np.array([2, -6, 18, 0, 7.5], np.float32)
     expected = [image[2, 3]] * 3 + [image[0, [7, 0]].mean(), image[[7, 0], 2].mean()]
     np.testing.assert_allclose(Tile(image).at(x, y), expected, rtol=1e-5)
 

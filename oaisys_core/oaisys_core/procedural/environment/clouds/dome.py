@@ -228,17 +228,20 @@ class _March:
         level, thick, ways_m, clear = of_rows
         offsets = self._offsets[first : first + len(level)]
         away = level[:, None] + thick[:, None] * offsets
-        x, y = ((away * aside).ravel() for aside in self._aside)
-        excess = self._excess.at(x, y)
+        # The map is smooth, so that two neighbours may have the same value.
+        half = ((away[:, ::2] * aside[::2]).ravel() for aside in self._aside)
+        excess = np.repeat(self._excess.at(*half), 2)
         some = np.flatnonzero(excess > slab.least)
         if not len(some):
             return
         excess = excess[some] - np.float32(slab.growth) * offsets.ravel()[some]
-        extinction = slab.at(excess, x[some], y[some])
+        away, column = away.ravel()[some], some % COLUMNS
+        x, y = (away * aside[column] for aside in self._aside)
+        extinction = slab.at(excess, x, y)
         is_cloud = extinction > 0
-        some, extinction = some[is_cloud], extinction[is_cloud]
+        some, extinction, x, y = some[is_cloud], extinction[is_cloud], x[is_cloud], y[is_cloud]
         row = some // COLUMNS
-        to_sun, above, below = depths.at(x[some], y[some]).T
+        to_sun, above, below = depths.at(x, y).T
         passed = np.exp(-extinction * ways_m[row])
         clear = clear[row]
         rays = some + first * COLUMNS
