@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.color import LUMINANCE, mean_linear
+from oaisys_core.scene.heaviest_layers import UNCERTAIN, HeaviestLayers
 from oaisys_core.scene.photometric_laws import PhotometricLaw
 from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.tiling import PlainTiling, Tiling
@@ -195,6 +196,10 @@ class TerrainMaterial:
     def _flat_masks(self) -> NDArray[np.float32]:
         return np.ascontiguousarray(self.masks).reshape(len(self.masks), -1)
 
+    @cached_property
+    def _heaviest_layers(self) -> HeaviestLayers:
+        return HeaviestLayers(self.masks, self.extent_m)
+
     def labelling_layer(self, xy_m: ArrayLike) -> NDArray[np.intp]:
         """Return the (N,) indices of the layers that label (N, 2) points.
 
@@ -205,9 +210,13 @@ class TerrainMaterial:
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         if len(self.layers) == 1:
             return np.zeros(len(xy), np.intp)
-        weights = self.weights_at(xy)
         if self.label_cell_m is None:
-            return np.asarray(np.argmax(weights, axis=1), dtype=np.intp)
+            layers = self._heaviest_layers.at(xy)
+            rest = np.flatnonzero(layers == UNCERTAIN)
+            if len(rest):
+                layers[rest] = np.argmax(self.weights_at(xy[rest]), axis=1)
+            return layers
+        weights = self.weights_at(xy)
         pick = grain_numbers(xy, self.label_cell_m) * weights.sum(axis=1)
         below = np.cumsum(weights[:, :-1], axis=1) <= pick[:, None]
         return np.asarray(below.sum(axis=1), dtype=np.intp)
