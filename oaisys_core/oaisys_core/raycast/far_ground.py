@@ -141,19 +141,27 @@ class FarGroundTarget(RayTarget):
         if (xy < low).any() or (xy > high).any():
             is_low = origins_m[..., 2] <= self._triangles.top_m
             return np.asarray(is_low | (directions[:, 2] < 0))
-        along = directions[:, :2]
-        may = directions[:, 2] <= self._steepest(origins_m) * np.hypot(along[:, 0], along[:, 1])
+        level = np.hypot(directions[:, 0], directions[:, 1])
+        may = np.asarray(directions[:, 2] <= self._steepest(origins_m) * level)
         if not may.any():
-            return np.asarray(may)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            leaves = (np.where(along > 0, high, low) - xy) / along
-        leaves[along == 0] = np.inf
-        return np.asarray(may & (leaves.min(axis=1) < (np.inf if limits is None else limits)))
+            return may
+        # By component: loops over two values at a time take five times as long.
+        leaves = np.full(len(directions), np.inf)
+        for axis in range(2):
+            along = directions[:, axis]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                of_axis = (np.where(along > 0, high[axis], low[axis]) - xy[..., axis]) / along
+            np.minimum(leaves, of_axis, out=leaves, where=along != 0)
+        may &= leaves < (np.inf if limits is None else limits)
+        return may
 
     def _steepest(self, origins_m: FloatArray) -> float:
         """Return a bound of the slopes of rays from points on the stage that meet a triangle."""
-        xy = origins_m[..., :2]
-        inside_m = float(np.minimum(xy - self._low_m, self._high_m - xy).min())
+        inside_m = np.inf
+        for axis in range(2):
+            along_m = origins_m[..., axis]
+            least_m, most_m = along_m.min() - self._low_m[axis], self._high_m[axis] - along_m.max()
+            inside_m = min(inside_m, float(least_m), float(most_m))
         rise_m = self._zone_tops_m - origins_m[..., 2].min()
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes = rise_m / (self._zone_offsets_m + inside_m)

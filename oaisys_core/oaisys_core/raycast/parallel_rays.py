@@ -49,10 +49,18 @@ class ShadowPlane:
 
     def may_hit(self, origins_m: FloatArray) -> NDArray[np.bool_]:
         """Return (R,) whether rays from (R, 3) origins may hit a box."""
-        place = (self._onto_plane(origins_m) - self._start_m) * self._per_m
-        inside = ((place >= 0) & (place < CELLS)).all(axis=1)
-        column, row = np.where(inside[:, None], place, 0.0).astype(np.intp).T
-        return np.asarray(inside & self._is_shadow[row, column])
+        may = np.ones(len(origins_m), np.bool_)
+        cell = np.zeros(len(origins_m), np.intp)
+        # By component: loops over two values at a time take five times as long.
+        for axis in (1, 0):
+            on_plane_m = origins_m[:, axis] - origins_m[:, 2] * self._lean[axis]
+            place = (on_plane_m - self._start_m[axis]) * self._per_m[axis]
+            is_inside = (place >= 0) & (place < CELLS)
+            may &= is_inside
+            cell *= CELLS
+            cell += np.where(is_inside, place, 0.0).astype(np.intp)
+        may &= self._is_shadow.reshape(-1).take(cell)
+        return may
 
     def _onto_plane(self, points_m: FloatArray) -> FloatArray:
         return np.asarray(points_m[:, :2] - points_m[:, 2:] * self._lean)

@@ -284,8 +284,7 @@ class Open3DBvh:
         """See `TriangleBvh.first`."""
         import open3d as o3d
 
-        rays = np.empty((len(directions), 6), dtype=np.float32)
-        rays[:, :3], rays[:, 3:] = origins, directions
+        rays = _open3d_rays(origins, directions)
         found = self._scene.cast_rays(o3d.core.Tensor(rays))
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
@@ -293,13 +292,20 @@ class Open3DBvh:
         """See `TriangleBvh.occludes`."""
         import open3d as o3d
 
-        rays = np.empty((len(directions), 6), dtype=np.float32)
-        rays[:, :3], rays[:, 3:] = origins, directions
+        rays = _open3d_rays(origins, directions)
         return np.asarray(self._scene.test_occlusions(o3d.core.Tensor(rays)).numpy())
 
     def prepare(self) -> None:
         """See `TriangleBvh.prepare`."""
         self.first(np.zeros(3), np.zeros((1, 3)))
+
+
+def _open3d_rays(origins: FloatArray, directions: FloatArray) -> NDArray[np.float32]:
+    """Return (R, 6) origins and directions; copied by component, which is thrice as fast."""
+    rays = np.empty((len(directions), 6), dtype=np.float32)
+    for axis in range(3):
+        rays[:, axis], rays[:, 3 + axis] = origins[..., axis], directions[..., axis]
+    return rays
 
 
 def open3d_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
