@@ -9,7 +9,7 @@ same tables.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,12 +39,13 @@ class TextureSamples(NamedTuple):
     Attributes:
         uv_tiles: (K, N, 2) texture coordinates.
         weights: (K, N) weights, which sum to 1.
-        turns_rad: (K, N) angles by which the coordinates were turned; None: by none.
+        turn: (2, N) cosine and sine of the angle by which the first sample's coordinates were
+            turned; None: by none.
     """
 
     uv_tiles: FloatArray
     weights: FloatArray
-    turns_rad: FloatArray | None = None
+    turn: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -76,19 +77,23 @@ class VoronoiTiling:
         """Edge length of the tables in tiles."""
         return self.cell_tiles * PERIOD_CELLS
 
+    @cached_property
+    def _turns_and_shifts(self) -> FloatArray:
+        """(4, R * R) cosine and sine of the rotation, and shift, of each texel's cell."""
+        angle_rad, *shift = self.moves.reshape(-1, 3).astype(np.float64).T
+        return np.stack((np.cos(angle_rad), np.sin(angle_rad), *shift))
+
     def samples(self, xy_tiles: FloatArray) -> TextureSamples:
         """Return the moved and the unchanged texture sample of each of (N, 2) points."""
         size = len(self.moves)
         texel = xy_tiles / self.period_tiles * size
         column, row = (np.floor(texel).astype(np.int64) % size).T
-        angle, shift_u, shift_v = self.moves[row, column].astype(np.float64).T
-        cos, sin = np.cos(angle), np.sin(angle)
+        cos, sin, shift_u, shift_v = self._turns_and_shifts.take(row * size + column, axis=1)
         x, y = xy_tiles.T
         moved = np.column_stack((cos * x - sin * y + shift_u, sin * x + cos * y + shift_v))
         weight = _bilinear_repeated(self.weights, texel - 0.5)
-        turns_rad = np.stack((angle, np.zeros_like(angle)))
         return TextureSamples(
-            np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)), turns_rad
+            np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)), np.stack((cos, sin))
         )
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import log
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -24,6 +24,7 @@ from oaisys_core.scene.terrain_material import PbrMaps
 from oaisys_core.types import FloatArray
 
 Image = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
 N = TypeVar("N", float, FloatArray)
 """A number, or an array of them."""
 
@@ -105,9 +106,9 @@ class LayerBorder(NamedTuple):
             by the factor: their log-sum-exp, at this border's width.
     """
 
-    slope: FloatArray | float
-    gain: FloatArray | float
-    surplus: FloatArray | float
+    slope: Floats | float
+    gain: Floats | float
+    surplus: Floats | float
 
 
 def borders(variances: Sequence[N]) -> list[LayerBorder]:

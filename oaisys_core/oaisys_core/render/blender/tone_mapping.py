@@ -16,6 +16,9 @@ from oaisys_core.render.geometry_pass import CORES
 from oaisys_core.sensing.render_settings import RenderSettings, ViewTransform
 from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV, ExposedImage, exposure_of
 
+BANDS_PER_CORE = 4
+"""Of rows of a picture, so that a core's cache holds one."""
+
 VIEW_TRANSFORMS = {
     "agx_contrast": ("AgX", "AgX - Medium High Contrast"),
     "agx": ("AgX", "None"),
@@ -43,16 +46,25 @@ def to_pixels(
     radiance: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
 ) -> NDArray[np.uint8]:
     """Return the (H, W, 3) image that Blender would write of (H, W, 3 or 4) radiance."""
-    image = np.ascontiguousarray(radiance[..., :3])
-    if exposure_ev:
-        image = image * np.float32(2.0**exposure_ev)
+    pixels = np.empty((*radiance.shape[:2], 3), np.uint8)
+    gain = np.float32(2.0**exposure_ev)
     processor = _processor(view_transform)
+
+    def develop(rows: slice) -> None:
+        image = np.ascontiguousarray(radiance[rows, :, :3]) * gain
+        processor.applyRGB(image)
+        np.clip(image, 0.0, 1.0, out=image)
+        image *= np.float32(255)
+        # Rounds as Blender does.
+        image += np.float32(0.5)
+        pixels[rows] = image
+
+    height_px = len(pixels)
+    rows = max(-(-height_px // (BANDS_PER_CORE * CORES)), 1)
     # OpenColorIO itself uses one thread per call.
     with ThreadPoolExecutor(CORES) as pool:
-        list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
-    np.clip(image, 0.0, 1.0, out=image)
-    # Rounds as Blender does.
-    return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+        list(pool.map(develop, (slice(i, i + rows) for i in range(0, height_px, rows))))
+    return pixels
 
 
 @cache

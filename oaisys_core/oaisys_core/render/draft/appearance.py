@@ -39,7 +39,14 @@ class Appearance(NamedTuple):
 
 def zeros(*shape: int) -> Floats:
     """Return zeros of a shape whose last axis is that of components."""
+    if len(shape) == 2:
+        return np.zeros(shape, np.float32, order="F")
     return np.moveaxis(np.zeros((shape[-1], *shape[:-1]), np.float32), 0, -1)
+
+
+def empty(count: int, components: int) -> Floats:
+    """Return (N, C) values of anything, all of which are to be written."""
+    return np.empty((count, components), np.float32, order="F")
 
 
 def by_component(values: ArrayLike) -> Floats:
@@ -76,7 +83,7 @@ def dot(some: Floats, others: Floats) -> Floats:
 
 def cross(some: Floats, others: Floats) -> Floats:
     """Return the (N, 3) cross products of (N, 3) vectors."""
-    found = zeros(*some.shape)
+    found = empty(*some.shape)
     (a, b, c), (x, y, z) = some.T, others.T
     found[:, 0], found[:, 1], found[:, 2] = b * z - c * y, c * x - a * z, a * y - b * x
     return found

@@ -16,6 +16,7 @@ from oaisys_core.render.draft.appearance import (
     Floats,
     by_component,
     dot,
+    empty,
     normalise,
     places_m,
     put,
@@ -25,14 +26,13 @@ from oaisys_core.render.draft.appearance import (
 )
 from oaisys_core.render.draft.light.ground_nearby import light_around
 from oaisys_core.render.draft.light.reflection import Nearby, reflect, sun_w_m2
-from oaisys_core.render.draft.light.sun_light import SunLight
+from oaisys_core.render.draft.light.sun_light import LiftedPoints, SunLight
 from oaisys_core.render.draft.objects.parts import Parts
 from oaisys_core.render.draft.pixel_filter import filter_pixels
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
 from oaisys_core.render.shading.looks import pixel_angle_rad
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PlacedCamera, Scene, Sky
-from oaisys_core.types import FloatArray
 
 LIFT_M, LIFT_SHARE = 1e-4, 1.5e-5
 """Distance of shadow rays' beginnings from the surface, and its share of that from the eye."""
@@ -63,14 +63,14 @@ class Pixels(NamedTuple):
         look: How it looks, (H, W) or (H, W, 3) each.
         distance_m: (H, W) from the eye, 0 where nothing was hit.
         facing: (H, W) cosines of the sun's angle to the surfaces themselves, from below negative.
-        starts_m: float64 (H, W, 3) where rays to the sun begin, in ``map``.
+        lift_m: (H, W) how far above surfaces rays to the sun begin; below, where negative.
         may_see: bool (H, W), whether the sun may shine there.
     """
 
     look: Appearance
     distance_m: Floats
     facing: Floats
-    starts_m: FloatArray
+    lift_m: Floats
     may_see: NDArray[np.bool_]
 
     @classmethod
@@ -83,8 +83,8 @@ class Pixels(NamedTuple):
             np.ones(shape, np.float32),
             np.zeros(shape, np.float32),
         )
-        distance_m, facing = np.zeros((2, *shape), np.float32)
-        return cls(look, distance_m, facing, np.empty((*shape, 3)), np.zeros(shape, np.bool_))
+        distance_m, facing, lift_m = np.zeros((3, *shape), np.float32)
+        return cls(look, distance_m, facing, lift_m, np.zeros(shape, np.bool_))
 
     def rows(self, rows: slice) -> Pixels:
         """Return some rows as pixels of one column, which share their memory with these."""
@@ -121,8 +121,9 @@ class DraftRenderer:
         sky = surface.scene.sky
         sun_share = np.zeros(shape, np.float32)
         if sky.lamp_w_m2:
-            sun = SunLight(sky, surface)
-            sun_share = sun.share(pixels.starts_m, pixels.may_see, view.instance_ids)
+            starts = LiftedPoints.of(view.points_m, pixels.look.smooth, pixels.lift_m)
+            sun = SunLight(sky, surface, starts)
+            sun_share = sun.share(pixels.may_see, view.instance_ids)
         around = light_around(view, pixels.facing, sun_share)
         image = np.empty((*shape, 3), np.float32)
 
@@ -163,22 +164,22 @@ class DraftRenderer:
 
     @staticmethod
     def _prepare_shadows(scene: Scene, view: View, pixels: Pixels) -> None:
-        """Write, into some rows of pixels, where rays to the sun begin and whether to cast them."""
+        """Write, into some rows of pixels, whether to cast rays to the sun, and from how high."""
         to_sun, look = np.array(scene.sky.to_sun, np.float32), pixels.look
         is_leaf = look.through > 0
         facing = dot(look.smooth, to_sun)
         is_towards = np.minimum(facing, dot(look.normal, to_sun)) > 0
         pixels.may_see[:] = view.is_hit.reshape(-1) & (is_towards | is_leaf)
         pixels.facing[:] = facing
-        lift_m = LIFT_M + LIFT_SHARE * pixels.distance_m
+        lift_m = pixels.lift_m
+        np.multiply(pixels.distance_m, np.float32(LIFT_SHARE), out=lift_m)
+        lift_m += np.float32(LIFT_M)
         # Triangles are flat; where light grazes them, they must not shade each other.
         grazing = np.clip(1 - facing * np.float32(1 / GRAZING_COS), 0, 1)
         spacing_m = stage_ground(scene).spacing_m
         lift_m += view.is_ground.reshape(-1) * grazing * np.float32(GRAZING_LIFT * spacing_m)
         # The sun may shine on the other side of leaves.
         np.negative(lift_m, where=is_leaf & (facing < 0), out=lift_m)
-        np.multiply(look.smooth, lift_m[:, None], out=pixels.starts_m)
-        pixels.starts_m[...] += view.points_m.reshape(-1, 3)
 
     def _shade(
         self, scene: Scene, view: View, pixels: Pixels, sun_share: Floats, around: Floats
@@ -188,7 +189,7 @@ class DraftRenderer:
         ``around`` is the (N,) share of the sun's light that surfaces nearby get.
         """
         is_hit = view.is_hit.reshape(-1)
-        image = zeros(len(is_hit), 3)
+        image = empty(len(is_hit), 3)
         rows = rows_where(is_hit)
         if isinstance(rows, slice) or len(rows):
             look = Appearance(*(take(each, rows) for each in pixels.look))
@@ -210,7 +211,7 @@ class DraftRenderer:
         points_m, light = view.points_m[:, 0], self._parts.sky
         level = light.irradiance(UP)[0]
         per_light = self._parts.ground.mean_albedo * np.float32(1 / pi)
-        ground = zeros(len(points_m), 3)
+        ground = empty(len(points_m), 3)
         for channel, sun, sky, share in zip(
             ground.T, sun_w_m2(scene.sky), level, per_light, strict=True
         ):

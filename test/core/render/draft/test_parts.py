@@ -56,11 +56,12 @@ def test_an_atlas_looks_each_level_up_and_wraps_around() -> None:
     for level, image in enumerate(levels):
         size = len(image)
         row, column = np.indices(image.shape).reshape(2, -1)
-        uv = np.column_stack((column + 0.5, size - row - 0.5)) / size
-        places = atlas.places(uv + np.array((3, -2)), np.full(len(uv), level))
+        u, v = (column + 0.5) / size, (size - row - 0.5) / size
+        places = atlas.places((u + 3, v - 2), np.full(len(u), level, np.uint8))
         np.testing.assert_allclose(atlas.look_up(places), image[row, column], atol=1e-5)
         # Between the last texel and the first.
-        edge = atlas.look_up(atlas.places(np.array([(1.0, 0.5 / size)]), np.array([level])))
+        at_edge = np.array([1.0]), np.array([0.5 / size])
+        edge = atlas.look_up(atlas.places(at_edge, np.array([level], np.uint8)))
         assert edge[0] == pytest.approx((image[-1, 0] + image[-1, -1]) / 2, abs=1e-5)
 
 

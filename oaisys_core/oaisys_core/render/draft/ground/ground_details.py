@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +24,27 @@ from oaisys_core.render.shading.looks import (
 from oaisys_core.types import FloatArray
 
 
+class FinesColor(NamedTuple):
+    """The colours of fines at N points: the layers' mean colours.
+
+    Attributes:
+        weights: (N, L) of the layers.
+        means: (L, 3) of their colours, linear.
+    """
+
+    weights: Floats
+    means: Floats
+
+    def at(self, points: NDArray[np.intp]) -> Floats:
+        """Return the (P, 3) colours at some of the points."""
+        return take(self.weights, points) @ self.means
+
+
 def add_contact(
     contact: ContactMap,
     driven: tuple[float, ...],
     xy_m: FloatArray,
-    fines: Floats | None,
+    fines: FinesColor | None,
     found: tuple[Floats, Floats, Floats],
 ) -> None:
     """Show fines around things, and tracks.
@@ -35,7 +53,7 @@ def add_contact(
         contact: Where they are.
         driven: How much of its way each rover has driven.
         xy_m: (N, 2) points.
-        fines: (N, 3) colours of fines there; None only darkens the contact.
+        fines: Colours of fines there; None only darkens the contact.
         found: (N, 3) colours and leans and (N,) roughness, which are changed.
     """
     color, lean, roughness = found
@@ -56,7 +74,7 @@ def add_contact(
         put(color, seen, before * (1 - dark * (1 - DARKEST))[:, None])
         return
     part = np.minimum(share / FINES_FROM, 1) * np.float32(MAX_FINES)
-    shown = take(fines, seen) * (FINES_BRIGHTNESS + dark * (DARKEST - FINES_BRIGHTNESS))[:, None]
+    shown = fines.at(seen) * (FINES_BRIGHTNESS + dark * (DARKEST - FINES_BRIGHTNESS))[:, None]
     put(color, seen, before + part[:, None] * (shown - before))
     put(lean, seen, take(lean, seen) * (1 - part)[:, None])
     roughness[seen] += part * (FINES_ROUGHNESS - roughness[seen])

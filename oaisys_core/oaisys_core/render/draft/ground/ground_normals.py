@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.detail import DetailedGround
 from oaisys_core.raycast.surface import Surface, View
-from oaisys_core.render.draft.appearance import Floats, normalise, put, take, zeros
+from oaisys_core.render.draft.appearance import Floats, empty, normalise, put, take, zeros
 from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.draft.objects.object_meshes import interpolate_normals, vertex_normals
 from oaisys_core.scene import FarGround, Ground, HeightField
@@ -36,7 +36,7 @@ class GroundNormals:
         far_ground = surface.scene.far_ground
         if not len(far) or far_ground is None:
             return self._of_stage(points_m, elements)
-        normals = zeros(len(elements), 3)
+        normals = empty(len(elements), 3)
         put(normals, far, self._of_far_ground(far_ground, take(points_m, far), elements[far]))
         if len(far) < len(elements):
             stage = np.flatnonzero(~surface.is_far_ground(view)[:, 0])
@@ -115,7 +115,7 @@ class SlopeGrid:
             ((place_m - start_m) / self.ground.spacing_m).astype(np.float32)
             for place_m, start_m in zip(points_m.T[:2], self.ground.origin_xy_m, strict=True)
         )
-        normals = zeros(len(points_m), 3)
+        normals = empty(len(points_m), 3)
         normals[:, 2] = 1
         np.negative(sample(self._slopes, x, y), out=normals[:, :2])
         return normalise(normals)

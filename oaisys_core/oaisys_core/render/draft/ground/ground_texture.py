@@ -7,6 +7,7 @@ What Cycles' shader nodes do for each sample is done here for arrays of points; 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +28,20 @@ from oaisys_core.render.draft.appearance import (
     Rows,
     normalise,
     put,
+    rows_where,
     take,
     zeros,
 )
-from oaisys_core.render.draft.ground.ground_details import add_contact, darken_wet
+from oaisys_core.render.draft.ground.ground_details import FinesColor, add_contact, darken_wet
 from oaisys_core.render.draft.ground.ground_masks import GroundMasks
-from oaisys_core.render.draft.ground.layer_texture import LayerLook, LayerTexture, Levels
-from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas, sample
+from oaisys_core.render.draft.ground.layer_texture import LayerLook, LayerTexture
+from oaisys_core.render.draft.ground.texture_atlas import (
+    Levels,
+    LevelTable,
+    TextureAtlas,
+    fraction,
+    sample,
+)
 from oaisys_core.render.shading.looks import (
     ALONG_BEDS,
     BED_CONTRAST,
@@ -79,6 +87,7 @@ class GroundTexture:
         self._material = material
         self._bounds_m = np.array(footprints_m(material))
         self._layers = [LayerTexture(each, store, self._bounds_m) for each in material.layers]
+        self._means = np.array([layer.mean for layer in self._layers])
         self._masks = GroundMasks(material)
         self._borders = self._borders_by_level()
         self._variation: TextureAtlas | None = None
@@ -88,12 +97,11 @@ class GroundTexture:
         if material.macro is not None:
             self._macro = np.pad(material.macro.share, ((1, 1), (1, 1), (0, 0)), mode="wrap")
 
-    @property
+    @cached_property
     def mean_albedo(self) -> Floats:
         """(3,) mean albedo of the ground on the stage."""
         shares = self._material.masks.mean(axis=(1, 2))
-        means = np.array([layer.mean for layer in self._layers])
-        return np.asarray(shares @ means / shares.sum(), np.float32)
+        return np.asarray(shares @ self._means / shares.sum(), np.float32)
 
     def at(self, points_m: FloatArray, normals: Floats, footprint_m: Floats) -> Appearance:
         """Return how (N, 3) points look.
@@ -106,16 +114,15 @@ class GroundTexture:
         level = self._levels(footprint_m)
         xy_m = points_m[:, :2]
         weights = self._masks.weights(xy_m)
-        above = self._project(points_m, None, weights, level)
-        color, roughness = above.color, above.roughness
-        lean = zeros(*normals.shape)
-        lean[:, :2] = above.slope
         if self._material.projects_sides:
-            self._add_sides(points_m, normals, weights, level, (color, lean, roughness))
+            color, lean, roughness = self._with_sides(points_m, normals, weights, level)
+        else:
+            color, slope, roughness = self._project(points_m, None, weights, level)
+            lean = zeros(*normals.shape)
+            lean[:, :2] = slope
         if self.contact is not None:
-            means = np.array([layer.mean for layer in self._layers])
             is_image = any(layer.has_labels for layer in self._layers)
-            fines = None if is_image else weights @ means
+            fines = None if is_image else FinesColor(weights, self._means)
             add_contact(self.contact, self.driven, xy_m, fines, (color, lean, roughness))
         if self._material.wet_bank_m is not None:
             darken_wet(self._material.wet_bank_m, points_m[:, 2], color)
@@ -123,6 +130,23 @@ class GroundTexture:
             roughness[:] = 0
         through = np.zeros(len(points_m), np.float32)
         return Appearance(color, normalise(normals + lean), normals, roughness, through)
+
+    def _with_sides(
+        self, points_m: FloatArray, normals: Floats, weights: Floats, level: Levels
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return colour, lean and roughness, seen from the sides where it is steep."""
+        count = len(points_m)
+        found = zeros(count, 3), zeros(count, 3), np.zeros(count, np.float32)
+        up = np.abs(normals[:, 2])
+        # Where it is steepest, nothing of the view from above is left.
+        rows = rows_where(up > STEEP_COS[1])
+        if isinstance(rows, slice) or len(rows):
+            some = tuple(take(each, rows) for each in (points_m, weights, level))
+            above = self._project(some[0], None, some[1], some[2])
+            for old, new in zip((found[0], found[1][:, :2], found[2]), above, strict=True):
+                put(old, rows, new)
+        self._add_sides(points_m, normals, weights, level, found)
+        return found
 
     def _add_sides(
         self,
@@ -187,7 +211,7 @@ class GroundTexture:
                 for old, new in zip(found, texel, strict=True):
                     put(old, rows, new)
                 continue
-            border = LayerBorder(*(np.take(each, of_rows) for each in self._borders[index - 1]))
+            border = LayerBorder(*(each.take(of_rows) for each in self._borders[index - 1]))
             factor, below[rows] = mix(key, take(below, rows), border)
             for old, new in zip(found, texel, strict=True):
                 part = factor if old.ndim == 1 else factor[:, None]
@@ -209,10 +233,10 @@ class GroundTexture:
         if self._variation is not None:
             variation, maps = self._material.variation, self._layers[0].maps
             size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
-            cos, sin = np.cos(VARIATION_TURN_RAD), np.sin(VARIATION_TURN_RAD)
+            cos, sin = np.cos(VARIATION_TURN_RAD) / size_m, np.sin(VARIATION_TURN_RAD) / size_m
             x_m, y_m = place_m.T
-            turned = np.stack((x_m * cos - y_m * sin, x_m * sin + y_m * cos)) / size_m
-            places = self._variation.places(turned.T, self._variation_level.take(level))
+            turned = x_m * cos - y_m * sin, x_m * sin + y_m * cos
+            places = self._variation.places(turned, level)
             pattern = self._variation.look_up(places)
             for channel, tint in zip(color.T, (1, 0, -1), strict=True):
                 range_ = np.float32(variation.brightness + tint * variation.tint)
@@ -230,16 +254,16 @@ class GroundTexture:
         assert macro is not None
         assert image is not None
         size = len(image) - 2
-        at = (each / (by * macro.period_m) for each, by in zip(place_m.T, scale, strict=True))
-        x, y = (((each - np.floor(each)) * size + 0.5).astype(np.float32) for each in at)
+        at = (each * (1 / (by * macro.period_m)) for each, by in zip(place_m.T, scale, strict=True))
+        x, y = (fraction(each) * np.float32(size) + np.float32(0.5) for each in at)
         share = sample(image, x, y)
         span = np.float32(contrast * (MAX_FACTOR - MIN_FACTOR) / 255)
         return np.asarray(share * span + np.float32(1 - contrast * (1 - MIN_FACTOR)))
 
     def _levels(self, footprint_m: Floats) -> Levels:
         """Return the (N,) levels of detail; `numpy.searchsorted` takes ten times as long."""
-        level = np.zeros(len(footprint_m), np.intp)
-        for bound_m in self._bounds_m[1:]:
+        level = np.zeros(len(footprint_m), np.uint8)
+        for bound_m in self._bounds_m[1:].astype(np.float32):
             level += footprint_m > bound_m
         return level
 
@@ -248,15 +272,14 @@ class GroundTexture:
         levels = store.levels(maps)
         size_m = self._material.variation.scale_m or maps.tile_m * VARIATION_TILES
         wide = replace(maps, tile_m=size_m)
-        self._variation_level = np.array(
-            [level_at(wide, len(levels), each) for each in self._bounds_m.tolist()]
-        )
-        return TextureAtlas([each.height for each in levels])
+        bounds_m = self._bounds_m.tolist()
+        level_of = np.array([level_at(wide, len(levels), each) for each in bounds_m])
+        return TextureAtlas([each.height for each in levels], level_of)
 
-    def _borders_by_level(self) -> list[LayerBorder]:
-        """Return the border of each layer but the first, as arrays over the ground's levels."""
+    def _borders_by_level(self) -> list[tuple[LevelTable, ...]]:
+        """Return the `LayerBorder` of each layer but the first, by the ground's levels."""
         variances = [np.array(layer.variances) for layer in self._layers]
         return [
-            LayerBorder(*(np.broadcast_to(each, self._bounds_m.shape) for each in border))
+            tuple(LevelTable(np.broadcast_to(each, self._bounds_m.shape)) for each in border)
             for border in borders(variances)
         ]

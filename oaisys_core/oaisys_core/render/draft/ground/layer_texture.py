@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,19 +13,21 @@ from oaisys_core.procedural.textures.borders import MAX_HEIGHT, MIN_HEIGHT
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.procedural.textures.normal_maps import FLAT, STEPS
 from oaisys_core.render.draft.appearance import Floats
-from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.ground.texture_atlas import Levels, TextureAtlas
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer
-from oaisys_core.scene.tiling import Tiling
+from oaisys_core.scene.tiling import PlainTiling, TextureSamples, Tiling
 from oaisys_core.types import FloatArray
-
-Levels = NDArray[np.intp]
 
 _LINEAR = linear(np.arange(256) / 255)
 _HEIGHTS = np.linspace(MIN_HEIGHT, MAX_HEIGHT, 256)
-LINEAR = np.stack((_LINEAR, _LINEAR, _LINEAR, _HEIGHTS), axis=-1).astype(np.float32)[None]
+LINEAR = np.stack((_LINEAR, _LINEAR, _LINEAR, _HEIGHTS)).astype(np.float32)
 """Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
+
+_SLOPES = (np.arange(256) - FLAT) / STEPS
+RELIEF = np.stack((_SLOPES, _SLOPES, np.arange(256) / 255)).astype(np.float32)
+"""Slopes along u and v, and roughness, of bytes."""
 
 
 class LayerLook(NamedTuple):
@@ -59,34 +62,37 @@ class LayerTexture:
         self.level_of = np.array([level_at(maps, len(levels), each) for each in seen_m.tolist()])
         self.variances = [store.heights(levels[level]).variance for level in self.level_of]
         colors = [np.dstack((each.color_srgb, store.heights(each).texels)) for each in levels]
-        self._colors = TextureAtlas(colors)
-        self._reliefs = TextureAtlas([_relief(each) for each in levels])
+        self._colors = TextureAtlas(colors, self.level_of)
+        self._reliefs = TextureAtlas([_relief(each) for each in levels], self.level_of)
         self.mean = np.array(mean_color(levels[-1]), np.float32)
 
     def look_up(
         self, place_m: FloatArray, level: Levels, tiling: Tiling
     ) -> tuple[LayerLook, Floats]:
         """Return what the texture shows at (N, 2) places in a plane, and its heights."""
-        samples = tiling.samples(place_m / self.maps.tile_m)
-        of_layer = self.level_of.take(level)
-        texels, reliefs = [], []
-        for uv_tiles in samples.uv_tiles:
-            places = self._colors.places(uv_tiles, of_layer)
-            texels.append(self._colors.look_up(places, LINEAR))
-            reliefs.append(self._reliefs.look_up(places).astype(np.float32))
+        place_tiles = place_m / self.maps.tile_m
+        if isinstance(tiling, PlainTiling):
+            texel, relief = self._sample(place_tiles, level)
+        else:
+            texel, relief = self._blend(tiling.samples(place_tiles), level)
+        return LayerLook(texel[:, :3], relief[:, :2], relief[:, 2]), texel[:, 3]
+
+    def _sample(self, uv_tiles: FloatArray, level: Levels) -> tuple[Floats, Floats]:
+        """Return (N, 4) colours and heights, and (N, 3) slopes and roughness, decoded."""
+        places = self._colors.places((uv_tiles[:, 0], uv_tiles[:, 1]), level)
+        return self._colors.look_up(places, LINEAR), self._reliefs.look_up(places, RELIEF)
+
+    def _blend(self, samples: TextureSamples, level: Levels) -> tuple[Floats, Floats]:
+        """Return the same, blended of several samples, as contrasty as each of them."""
+        looks = [self._sample(uv_tiles, level) for uv_tiles in samples.uv_tiles]
+        if samples.turn is not None:
+            _turn_back(looks[0][1], samples.turn)
         weights = samples.weights.astype(np.float32)
-        if samples.turns_rad is not None:
-            _turn(reliefs, samples.turns_rad)
-        texel, relief = texels[0], reliefs[0]
-        if len(texels) > 1:
-            gain = 1 / np.sqrt((weights * weights).sum(axis=0))[:, None]
-            texel = _blend(texels, weights)
-            texel[:, :3] = np.maximum(self.mean + gain * (texel[:, :3] - self.mean), 0)
-            relief = _blend(reliefs, weights)
-            relief[:, :2] = FLAT + gain * (relief[:, :2] - FLAT)
-        slope = (relief[:, :2] - np.float32(FLAT)) * np.float32(1 / STEPS)
-        plane = LayerLook(texel[:, :3], slope, relief[:, 2] * np.float32(1 / 255))
-        return plane, texel[:, 3]
+        gain = 1 / np.sqrt((weights * weights).sum(axis=0))[:, None]
+        texel, relief = (_mean(each, weights) for each in zip(*looks, strict=True))
+        texel[:, :3] = np.maximum(self.mean + gain * (texel[:, :3] - self.mean), 0)
+        relief[:, :2] *= gain
+        return texel, relief
 
 
 def _relief(maps: PbrMaps) -> NDArray[np.uint8]:
@@ -95,15 +101,16 @@ def _relief(maps: PbrMaps) -> NDArray[np.uint8]:
     return np.dstack((maps.normal_gl[..., :2], maps.roughness, empty))
 
 
-def _turn(reliefs: list[Floats], turns_rad: FloatArray) -> None:
-    """Turn encoded slopes, in place, as textures were turned the other way."""
-    for relief, turn_rad in zip(reliefs, turns_rad, strict=True):
-        cos, sin = np.cos(turn_rad).astype(np.float32), np.sin(turn_rad).astype(np.float32)
-        x, y = relief[:, 0] - FLAT, relief[:, 1] - FLAT
-        relief[:, 0], relief[:, 1] = FLAT + cos * x + sin * y, FLAT - sin * x + cos * y
+def _turn_back(relief: Floats, turn: FloatArray) -> None:
+    """Turn slopes, in place, the other way than their texture was turned."""
+    cos, sin = turn.astype(np.float32)
+    x, y = relief[:, 0].copy(), relief[:, 1]
+    relief[:, 0] = cos * x + sin * y
+    relief[:, 1] = cos * y - sin * x
 
 
-def _blend(parts: list[Floats], weights: Floats) -> Floats:
+def _mean(parts: Sequence[Floats], weights: Floats) -> Floats:
+    """Return the mean of (N, C) values with (K, N) weights, which sum to 1."""
     total = parts[0] * weights[0, :, None]
     for part, weight in zip(parts[1:], weights[1:], strict=True):
         total += part * weight[:, None]

@@ -79,11 +79,11 @@ class WaterMirror:
     def _normals(self, points_m: FloatArray, distance_m: Floats, waves: Floats) -> Floats:
         """Return the (N, 3) normals of the rippled surface."""
         assert self._ripples is not None
-        level = np.zeros(len(points_m), np.intp)
+        level = np.zeros(len(points_m), np.uint8)
         slopes = np.zeros((len(points_m), 2), np.float32)
         for tile_m in RIPPLE_TILES_M:
             # Blender's images begin at the bottom.
-            places = self._ripples.places(points_m[:, :2] / tile_m, level)
+            places = self._ripples.places((points_m[:, 0] / tile_m, points_m[:, 1] / tile_m), level)
             slopes += self._ripples.look_up(places)
         near = np.minimum(RIPPLES_TO_M / np.maximum(distance_m, 1e-3), 1)
         slopes *= (near * waves * np.float32(MAX_SLOPE / 2**0.5))[:, None]

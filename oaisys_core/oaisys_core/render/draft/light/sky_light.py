@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from math import cos, pi, sin
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.environment import atmosphere
 from oaisys_core.procedural.environment.clouds.dome import before_sky, sun_through_clouds
 from oaisys_core.procedural.environment.light import plain_radiance, sun_color
-from oaisys_core.render.draft.appearance import Floats, by_component, zeros
+from oaisys_core.render.draft.appearance import Floats, empty, zeros
 from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.shading.shading import MIN_UP, in_haze
 from oaisys_core.scene.sky import Sky, gradient_radiance, texels_at
@@ -66,7 +67,13 @@ class SkyLight:
 
     def irradiance(self, normals: Floats) -> Floats:
         """Return (N, 3) irradiance of surfaces with (N, 3) unit normals and a free view."""
-        return by_component(np.maximum(_harmonics(normals) @ self._irradiance, 0))
+        basis = _harmonics(normals).T
+        found = zeros(len(normals), 3)
+        for channel, coefficients in zip(found.T, self._irradiance.T, strict=True):
+            # A product of matrices would wake threads of its own in each of ours.
+            for values, coefficient in zip(basis, coefficients.tolist(), strict=True):
+                cv2.scaleAdd(values, coefficient, channel, dst=channel)
+        return np.maximum(found, 0, out=found)
 
     def radiance(self, rays: FloatArray, *, with_disc: bool = False) -> Floats:
         """Return the (N, 3) radiance of the sky along (N, 3) rays of any length, behind haze.
@@ -144,7 +151,7 @@ def _directions() -> FloatArray:
 def _harmonics(directions: Floats) -> Floats:
     """Return (N, 9) real spherical harmonics of (N, 3) unit vectors."""
     x, y, z = directions.T
-    found = zeros(len(directions), 9)
+    found = empty(len(directions), 9)
     found[:, 0] = 0.282095
     found[:, 1], found[:, 2], found[:, 3] = 0.488603 * y, 0.488603 * z, 0.488603 * x
     found[:, 4], found[:, 5] = 1.092548 * x * y, 1.092548 * y * z

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi, sin, sqrt
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -37,36 +37,57 @@ GOLDEN_RAD = pi * (3 - sqrt(5))
 T = TypeVar("T", bound=np.generic)
 
 
+class LiftedPoints(NamedTuple):
+    """Points a little above the surfaces that N pixels show, computed when they are asked for.
+
+    Attributes:
+        points_m: float64 (N, 3) on the surfaces, in ``map``.
+        normal: float32 (N, 3) unit normals of the surfaces.
+        lift_m: float32 (N,) heights above them.
+    """
+
+    points_m: FloatArray
+    normal: Floats
+    lift_m: Floats
+
+    @classmethod
+    def of(cls, points_m: FloatArray, normal: Floats, lift_m: Floats) -> LiftedPoints:
+        """Return those of (H, W, 3) points and normals and (H, W) heights, row by row."""
+        return cls(points_m.reshape(-1, 3), normal.reshape(-1, 3), lift_m.reshape(-1))
+
+    def at(self, pixels: NDArray[np.intp]) -> FloatArray:
+        """Return the (P, 3) lifted points of some pixels."""
+        lifted_m = self.points_m.take(pixels, axis=0)
+        lift_m = self.lift_m.take(pixels)
+        for axis, component in enumerate(self.normal.T):
+            lifted_m[:, axis] += component.take(pixels) * lift_m
+        return lifted_m
+
+
 class SunLight:
     """Casts rays at the sun from the points of an image."""
 
-    def __init__(self, sky: Sky, surface: Surface) -> None:
-        self._surface = surface
+    def __init__(self, sky: Sky, surface: Surface, starts: LiftedPoints) -> None:
+        """Take over where the rays of all pixels begin, row by row."""
+        self._surface, self._starts = surface, starts
         self._to_sun = np.array(sky.to_sun)
         self._discs = _discs(self._to_sun, sky.sun_angular_diameter_rad / 2)
 
-    def share(
-        self,
-        starts_m: FloatArray,
-        may_see: NDArray[np.bool_],
-        instance_ids: NDArray[np.uint32],
-    ) -> Floats:
+    def share(self, may_see: NDArray[np.bool_], instance_ids: NDArray[np.uint32]) -> Floats:
         """Return the (H, W) share of the disc that is seen.
 
         One ray of each square of pixels comes first, then those of pixels beside others in another
         light. Where shadows end, rays go to all of the disc.
 
         Args:
-            starts_m: (H, W, 3) just above the surface, in ``map``.
             may_see: (H, W) pixels to look at; the share of others is 0.
             instance_ids: (H, W) what they show: other things may be in another light.
         """
-        flat_m = starts_m.reshape(-1, 3)
         first = np.zeros(may_see.shape, np.bool_)
         first[::COARSE_PX, ::COARSE_PX] = True
         is_known = first & may_see
         is_lit = np.zeros(may_see.shape, np.uint8)
-        self._cast(flat_m, is_known, is_lit)
+        self._cast(is_known, is_lit)
         is_like_first = _spread(is_known) & (_spread(instance_ids) == instance_ids)
         is_lit = _spread(is_lit)
         wanted = may_see & ~is_like_first
@@ -74,65 +95,57 @@ class SunLight:
             wanted &= ~is_known
             if not wanted.any():
                 break
-            self._cast(flat_m, wanted, is_lit)
+            self._cast(wanted, is_lit)
             is_known |= wanted
             wanted = may_see & _is_edge(is_lit, may_see)
         share = (is_lit * may_see).astype(np.float32)
-        self._refine(share, _is_edge(is_lit, may_see), flat_m, may_see.copy())
+        self._refine(share, _is_edge(is_lit, may_see), may_see.copy())
         return share
 
-    def _cast(
-        self, starts_m: FloatArray, wanted: NDArray[np.bool_], is_lit: NDArray[np.uint8]
-    ) -> None:
+    def _cast(self, wanted: NDArray[np.bool_], is_lit: NDArray[np.uint8]) -> None:
         """Write, in place, whether wanted pixels see the middle of the sun."""
         pixels = np.flatnonzero(wanted)
         flat = is_lit.reshape(-1)
 
         def cast(rows: slice) -> None:
             some = pixels[rows]
-            starts = starts_m.take(some, axis=0)
-            flat[some] = ~self._surface.are_occluded_along(starts, self._to_sun)
+            starts_m = self._starts.at(some)
+            flat[some] = ~self._surface.are_occluded_along(starts_m, self._to_sun)
 
         self._surface.each_band((len(pixels), RAY_PIXELS), cast)
 
     def _refine(
-        self,
-        share: Floats,
-        is_edge: NDArray[np.bool_],
-        starts_m: FloatArray,
-        is_left: NDArray[np.bool_],
+        self, share: Floats, is_edge: NDArray[np.bool_], is_left: NDArray[np.bool_]
     ) -> None:
         """Replace shares along edges, in place, by means of several rays.
 
-        Pixels around those that are half in shadow follow. ``starts_m`` are (N, 3) of all pixels;
-        ``is_left`` is changed.
+        Pixels around those that are half in shadow follow. ``is_left`` is changed.
         """
         flat, square = share.reshape(-1), np.ones((3, 3), np.uint8)
         for _ in range(GROWTH):
             rows = np.flatnonzero(is_edge & is_left)
             if not len(rows):
                 break
-            places = _places(rows, share.shape[1])
-            flat[rows] = self._mean_shares(starts_m[rows], places)
+            flat[rows] = self._mean_shares(rows, _places(rows, share.shape[1]))
             is_left.reshape(-1)[rows] = False
             is_partly = np.zeros(share.shape, np.uint8)
             is_partly.reshape(-1)[rows] = (flat[rows] > 0) & (flat[rows] < 1)
             is_edge = cv2.dilate(is_partly, square) > 0
 
-    def _mean_shares(self, starts_m: FloatArray, places: NDArray[np.intp]) -> Floats:
-        """Return the (N,) shares of the disc's rays along which (N, 3) points see the sun.
+    def _mean_shares(self, pixels: NDArray[np.intp], places: NDArray[np.intp]) -> Floats:
+        """Return the (N,) shares of the disc's rays along which (N,) pixels see the sun.
 
-        ``places`` are those of the points' pixels in squares of `BLOCK_PX`.
+        ``places`` are those of the pixels in squares of `BLOCK_PX`.
         """
-        shares = np.empty(len(starts_m), np.float32)
+        shares = np.empty(len(pixels), np.float32)
 
         def cast(rows: slice) -> None:
             rays = self._discs[places[rows]].reshape(-1, 3)
-            origins_m = np.repeat(starts_m[rows], EDGE_RAYS, axis=0)
+            origins_m = np.repeat(self._starts.at(pixels[rows]), EDGE_RAYS, axis=0)
             is_hidden = self._surface.are_occluded(origins_m, rays)
             shares[rows] = 1 - is_hidden.reshape(-1, EDGE_RAYS).mean(axis=1, dtype=np.float32)
 
-        self._surface.each_band((len(starts_m), EDGE_RAYS), cast)
+        self._surface.each_band((len(pixels), EDGE_RAYS), cast)
         return shares
 
 

@@ -14,6 +14,7 @@ from oaisys_core.render.draft.appearance import (
     by_component,
     cross,
     dot,
+    empty,
     normalise,
     places_m,
     take,
@@ -166,8 +167,8 @@ class Instances:
 
     def __init__(self, scene: Scene) -> None:
         """Take over the placements of a scene."""
-        empty = np.zeros(0, np.uint32)
-        ids = np.concatenate([empty, *(each.instance_ids for each in scene.placements)])
+        no_ids = np.zeros(0, np.uint32)
+        ids = np.concatenate([no_ids, *(each.instance_ids for each in scene.placements)])
         counts = [len(each.instance_ids) for each in scene.placements]
         self.order = order = np.argsort(ids, kind="stable")
         self._ids: NDArray[np.uint32] = ids[order]
@@ -198,7 +199,7 @@ def to_map(R: Floats, vectors: Floats) -> Floats:
 
     ``R`` are the (N, 3, 3) `Instances.rotations` of each.
     """
-    found = zeros(*vectors.shape)
+    found = empty(*vectors.shape)
     for row in range(3):
         found[:, row] = dot(R[:, row], vectors)
     return found
@@ -206,7 +207,7 @@ def to_map(R: Floats, vectors: Floats) -> Floats:
 
 def to_objects(R: Floats, vectors: Floats) -> Floats:
     """Return the inverse of `to_map`."""
-    found = zeros(*vectors.shape)
+    found = empty(*vectors.shape)
     for column in range(3):
         found[:, column] = dot(R[:, :, column], vectors)
     return found

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.render.draft.appearance import Floats, zeros
-from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
+from oaisys_core.render.draft.ground.texture_atlas import LevelTable, TextureAtlas
 from oaisys_core.render.draft.objects.object_meshes import LINEAR
 from oaisys_core.render.shading.looks import BOX_BLEND, ROCK_BUMP_M
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import PbrMaps
 from oaisys_core.types import FloatArray
 
-TABLE = np.stack([LINEAR] * 3, axis=-1)[None]
+TABLE = np.stack([LINEAR] * 3)
 """The same for three channels."""
 
 PLANES = ((1, 2), (0, 2), (1, 0))
@@ -45,7 +45,7 @@ class RockTexture:
         self._bounds_m = np.array([texel_m * 2**step for step in range(1, len(levels))])
         self._colors = TextureAtlas([each.color_srgb for each in levels])
         self._reliefs = TextureAtlas([_relief(each.height, maps.tile_m) for each in levels])
-        self._roughness = np.array([each.roughness.mean() / 255 for each in levels], np.float32)
+        self._roughness = LevelTable([each.roughness.mean() / 255 for each in levels])
 
     def at(self, place_m: FloatArray, normal: Floats, footprint_m: Floats) -> RockPoints:
         """Return what (N, 3) points show.
@@ -55,8 +55,8 @@ class RockTexture:
             normal: (N, 3) in the same axes.
             footprint_m: (N,) sizes of a pixel there.
         """
-        level = np.zeros(len(normal), np.intp)
-        for bound_m in self._bounds_m:
+        level = np.zeros(len(normal), np.uint8)
+        for bound_m in self._bounds_m.astype(np.float32):
             level += footprint_m > bound_m
         weights = box_weights(normal)
         count = len(normal)
@@ -72,8 +72,8 @@ class RockTexture:
             along_u = tiles[:, u].take(rows)
             along_u *= sign
             along_u += sign < 0
-            uv = np.stack((along_u, tiles[:, v].take(rows))).T
-            places = self._colors.places(uv, level.take(rows))
+            along_v = tiles[:, v].take(rows)
+            places = self._colors.places((along_u, along_v), level.take(rows))
             for channel, seen in zip(color.T, self._colors.look_up(places, TABLE).T, strict=True):
                 channel[rows] += part * seen
             relief = self._reliefs.look_up(places)
