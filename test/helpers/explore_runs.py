@@ -15,12 +15,14 @@ assets: {rocks: [{count: [20, 20], size_m: [0.3, 1.0]}]}
 """
 
 
-def run(out: Path, world: Path, domain_id: int, *more: str) -> subprocess.CompletedProcess[str]:
+def run(
+    out: Path, world: Path, domain_id: int, *more: str, variables: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
     """Return how it ended."""
     options = ("--config", str(world), "--out", str(out), "--backend", "analytic", *more)
     return subprocess.run(
         [sys.executable, "-m", "oaisys_core", "explore", *options],
-        env={**os.environ, "ROS_DOMAIN_ID": str(domain_id)},
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain_id), **(variables or {})},
         capture_output=True,
         text=True,
         timeout=300,

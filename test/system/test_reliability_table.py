@@ -28,7 +28,8 @@ def named_tests() -> dict[int, list[tuple[str, str]]]:
 
 def test_every_row_names_tests() -> None:
     rows = named_tests()
-    assert list(rows) == list(range(1, len(rows) + 1))
+    numbers = re.findall(r"^\| (\d+) \|", TABLE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert numbers == [str(number) for number in range(1, len(numbers) + 1)]
     assert len(rows) >= ROWS
     assert all(rows.values())
 

@@ -21,6 +21,8 @@ class CoverageRecord:
         plan_s: Median time to choose the next view.
         refused: Number of poses that the simulator refused.
         least_clearance_m: Least height of any pose above the true surface; NaN if unknown.
+        ended: Why it ended.
+        failed: Whether it ended because the planner failed.
     """
 
     planner: str
@@ -30,6 +32,8 @@ class CoverageRecord:
     plan_s: float
     refused: int = 0
     least_clearance_m: float = float("nan")
+    ended: str = ""
+    failed: bool = False
 
     def views_to(self, share: float) -> int | None:
         """Return the number of views after which coverage reached a share; None if it never did."""
@@ -45,6 +49,8 @@ class PlannerResult:
         planner: Name of the planner.
         worlds: Number of worlds explored.
         reached: Number of worlds in which it reached the coverage.
+        failed: Number of worlds in which it failed, see `CoverageRecord`. They count with the
+            coverage and path that they had until then.
         views: Median number of views needed; None if it reached the coverage in less than half of
             the worlds.
         views_low, views_high: Confidence interval of that median, see `median_interval`; None:
@@ -62,6 +68,7 @@ class PlannerResult:
     planner: str
     worlds: int
     reached: int
+    failed: int
     views: float | None
     views_low: int | None
     views_high: int | None
@@ -83,7 +90,15 @@ def planner_results(records: Sequence[CoverageRecord], share: float) -> list[Pla
 
 def comparison_lines(results: Sequence[PlannerResult], share: float) -> list[str]:
     """Return a table of planners for a terminal: its header, and a line for each."""
-    header = ("planner", "worlds", f"views to {share:.0%}", "95 % interval", "seen", "path, m")
+    header = (
+        "planner",
+        "worlds",
+        f"views to {share:.0%}",
+        "95 % interval",
+        "seen",
+        "path, m",
+        "failed",
+    )
     rows = [header, *map(_cells, results)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(header))]
     return [
@@ -98,7 +113,16 @@ def _cells(result: PlannerResult) -> tuple[str, ...]:
     interval = "-" if low is None else f"{low} to {'more' if high is None else high}"
     path = "-" if result.path_m is None else f"{result.path_m:.0f}"
     seen = f"{result.final_coverage:.1%}"
-    return result.planner, f"{result.reached} of {result.worlds}", views, interval, seen, path
+    failed = str(result.failed) if result.failed else "-"
+    return (
+        result.planner,
+        f"{result.reached} of {result.worlds}",
+        views,
+        interval,
+        seen,
+        path,
+        failed,
+    )
 
 
 def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
@@ -115,6 +139,7 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
         planner=records[0].planner,
         worlds=len(records),
         reached=len(successes),
+        failed=sum(record.failed for record in records),
         views=median_views,
         views_low=low,
         views_high=high,

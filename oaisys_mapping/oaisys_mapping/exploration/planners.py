@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.errors import InvalidInputError, one_of, quote
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.planner import (
     Planner,
@@ -207,17 +207,24 @@ BUILT_IN_PLANNERS: dict[str, type[Planner]] = {
 }
 
 
+def require_planner(name: str) -> None:
+    """Raise `InvalidInputError` unless there is a planner of this name; it is not imported."""
+    names = {*BUILT_IN_PLANNERS, *(point.name for point in entry_points(group=ENTRY_POINTS))}
+    if name not in names:
+        raise InvalidInputError("planner", name, one_of(names, name))
+
+
 def make_planner(name: str) -> Planner:
     """Return a built-in planner, or one that an installed package offers under `ENTRY_POINTS`.
 
     Raises:
-        InvalidInputError: There is no planner of that name.
+        InvalidInputError: There is no planner of that name, or it is none.
     """
-    kinds: dict[str, object] = dict(BUILT_IN_PLANNERS)
-    for found in entry_points(group=ENTRY_POINTS, name=name):
-        kinds.setdefault(name, found.load())
-    kind = kinds.get(name)
+    require_planner(name)
+    if name in BUILT_IN_PLANNERS:
+        return BUILT_IN_PLANNERS[name]()
+    (found, *_) = entry_points(group=ENTRY_POINTS, name=name)
+    kind = found.load()
     if not (isinstance(kind, type) and issubclass(kind, Planner)):
-        names = {*kinds, *(point.name for point in entry_points(group=ENTRY_POINTS))}
-        raise InvalidInputError("planner", name, one_of(names, name))
+        raise InvalidInputError(f"planner {quote(name)}", kind, "a subclass of Planner")
     return kind()

@@ -86,6 +86,7 @@ class SurveyReport:
         cameras: Cameras that are drawn with the mesh.
         tables: Additional tables, below the verdict.
         losses: One sentence for each kind of data that was lost in transport.
+        failures: One sentence for each exploration whose planner failed.
         elapsed_s: Returns the seconds since the start, for ``seconds_to_report``; None: without.
     """
 
@@ -103,6 +104,7 @@ class SurveyReport:
     cameras: Sequence[PosedCamera] = ()
     tables: Sequence[ReportTable] = ()
     losses: Sequence[str] = ()
+    failures: Sequence[str] = ()
     elapsed_s: Callable[[], float] | None = None
 
     @property
@@ -119,6 +121,7 @@ def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
         "closed": not report.misses,
         "missed": report.misses,
         "lost": list(report.losses),
+        "failed": list(report.failures),
         "thresholds": asdict(report.thresholds),
         "versions": versions(),
     }

@@ -44,11 +44,13 @@ def write_experiment_report(
     facts: Mapping[str, Any],
     seconds_total: float,
     coverage: Sequence[CoverageRecord] = (),
+    failures: Sequence[str] = (),
     elapsed_s: Callable[[], float] | None = None,
 ) -> bool:
     """Write the report, print its verdict, and return whether the map agrees with the true surface.
 
-    It does not agree if a threshold is missed or a message was lost.
+    It does not agree if a threshold is missed or a message was lost. A planner that failed makes
+    the answer False, too.
 
     Args:
         options: Of the experiment.
@@ -60,6 +62,7 @@ def write_experiment_report(
         facts: Further entries of ``report.json``.
         seconds_total: Duration of the experiment.
         coverage: Of explorations.
+        failures: One sentence for each exploration whose planner failed.
         elapsed_s: Returns the seconds since the start, at which the report is there; None: that is
             not told.
     """
@@ -78,13 +81,14 @@ def write_experiment_report(
         cameras=result.cameras,
         tables=tables_of(result),
         losses=run.losses,
+        failures=failures,
         elapsed_s=elapsed_s,
     )
     figures = write_report(report, options.out)
     _say_verdict(report, options, reporter)
     if elapsed_s is not None:
         _say_times(figures, reporter)
-    return not report.misses
+    return not report.misses and not report.failures
 
 
 def _run_facts(run: ExperimentRun, seconds_total: float) -> dict[str, Any]:

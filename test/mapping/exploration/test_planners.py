@@ -35,10 +35,9 @@ from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS, make_planner,
 
 
 def test_planners_are_compared_by_medians_with_failures_counted_as_more():
-    def record(planner, seed, coverage):
-        return CoverageRecord(
-            planner, seed, coverage, [10.0 * n for n in range(len(coverage))], 0.5
-        )
+    def record(planner, seed, coverage, failed=False):
+        path_m = [10.0 * n for n in range(len(coverage))]
+        return CoverageRecord(planner, seed, coverage, path_m, 0.5, failed=failed)
 
     records = [
         record("quick", 1, [0.5, 0.95]),
@@ -46,7 +45,7 @@ def test_planners_are_compared_by_medians_with_failures_counted_as_more():
         record("quick", 2, [0.5, 0.8, 0.85, 0.9]),
         record("slow", 2, [0.2, 0.4, 0.9]),
         record("quick", 3, [0.5, 0.6, 0.91]),
-        record("slow", 3, [0.2, 0.4]),
+        record("slow", 3, [0.2, 0.4], failed=True),
     ]
     quick, slow = planner_results(records, 0.9)
     assert (quick.planner, quick.worlds, quick.reached) == ("quick", 3, 3)
@@ -55,7 +54,9 @@ def test_planners_are_compared_by_medians_with_failures_counted_as_more():
     assert quick.more_than_views is None
     assert (slow.views, slow.reached, slow.more_than_views, slow.path_m) == (None, 1, 3.0, None)
     lines = comparison_lines([quick, slow], 0.9)
-    assert lines[1].split() == ["quick", "3", "of", "3", "3", "-", "91.0%", "20"]
+    assert lines[1].split() == ["quick", "3", "of", "3", "3", "-", "91.0%", "20", "-"]
+    assert (quick.failed, slow.failed) == (0, 1)
+    assert lines[2].split()[-1] == "1"
     assert lines[2].split()[:7] == ["slow", "1", "of", "3", "more", "than", "3"]
 
 

@@ -10,7 +10,7 @@ import pytest
 from explore_runs import WORLD, run
 from std_msgs.msg import Header
 
-from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
+from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_mapping.certificate.view_files import read_views
@@ -23,6 +23,7 @@ from oaisys_ros_bridge.experiments.explore.exploration import (
     MAX_REFUSALS,
     ExplorationLimits,
     explore,
+    plans_of,
 )
 from oaisys_ros_bridge.experiments.explore.plan import planners_of, start_pose
 from oaisys_ros_bridge.experiments.explore.trajectory_client import poses_along, trajectory_to_msg
@@ -143,7 +144,8 @@ def empty_world(pose, _way_m):
 def explored(planner, look=empty_world, limits=None):
     limits = limits or ExplorationLimits(views=20)
     rng = np.random.default_rng(0)
-    return explore(look, planner, START, BOUNDS, VEHICLE, 0.5, limits, rng, lambda _: True)
+    plans = plans_of(planner, rng)
+    return explore(look, plans, START, BOUNDS, VEHICLE, 0.5, limits, lambda _: True)
 
 
 def test_paths_are_as_long_as_what_was_flown():
@@ -153,12 +155,18 @@ def test_paths_are_as_long_as_what_was_flown():
     assert found.poses == [START, there, back]
     short = explored(Listed(there, back), limits=ExplorationLimits(20, path_m=8.0))
     assert short.poses == [START, there]
+    assert (found.ended, short.ended) == ("nothing to gain", "8 m of path")
+    assert not found.failed
+    few = Listed(there, back)
+    assert explored(few, limits=ExplorationLimits(2)).ended == "2 views"
+    assert few.poses == [back]
 
 
 def test_a_pose_that_is_not_known_to_be_free_ends_it():
     behind = level_pose(np.array([-8.0, 9, 0]), 0.0)
-    with pytest.raises(OaisysError, match="no way is known"):
-        explored(Listed(behind))
+    found = explored(Listed(behind))
+    assert found.failed
+    assert "'listed' asked for [-8.0, 9.0, 0.0], to which no way is known" in found.ended
 
 
 class Faulty(Planner):
@@ -180,8 +188,10 @@ class Faulty(Planner):
     ],
 )
 def test_a_planner_that_fails_or_asks_for_no_pose_is_named(planner, fault):
-    with pytest.raises(OaisysError, match=fault):
-        explored(planner)
+    found = explored(planner)
+    assert found.failed
+    assert fault in found.ended
+    assert found.poses == [START]
 
 
 def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
@@ -202,8 +212,10 @@ def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
         raise RenderError("never")
 
     planner = Listed(*steps)
-    with pytest.raises(RenderError, match="never"):
-        explored(planner, never)
+    found = explored(planner, never)
+    assert found.failed
+    assert found.ended == f"{MAX_REFUSALS} poses in a row were refused: never"
+    assert found.poses == [START]
     assert len(steps) - len(planner.poses) == MAX_REFUSALS
 
 

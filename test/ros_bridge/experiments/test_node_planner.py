@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from explore_runs import WORLD, run
+from foreign_planners import install_planners
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.certificate.view_files import read_views
@@ -53,12 +54,39 @@ def test_a_ros_node_explores_beside_a_built_in_planner(world, tmp_path, ros_doma
 @pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
-def test_a_program_that_fails_is_quoted(world, tmp_path, ros_domain_id):
+def test_planners_that_fail_are_marked_and_the_others_go_on(world, tmp_path, ros_domain_id):
+    failing = f"""bad={sys.executable} -c 'raise SystemExit("no map came")'"""
+    nodes = ("--node", failing, "--node", "silent=sleep 1000", "--node-silence", "1")
+    planners = ("--planner", "bad,stuck,silent,random", "--plan-timeout", "1", *nodes)
+    limits = ("--views", "2", "--baseline-views", "2", "--camera-range", "12")
+    variables = install_planners(tmp_path / "packages")
+    options = (*planners, *limits, "--no-bag", "--size", "64x48")
+    result = run(tmp_path / "out", world, ros_domain_id, *options, variables=variables)
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    figures = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    found = [(run["planner"], run["failed"]) for run in figures["explorations"]]
+    assert found == [("bad", True), ("stuck", True), ("silent", True), ("random", False)]
+    reasons = [run["ended"] for run in figures["explorations"]]
+    assert reasons[0].endswith("bad ended with exit code 1\n  | no map came")
+    assert reasons[1] == "the planner 'stuck' did not choose a pose within 1 s"
+    assert reasons[2:] == ["silent commanded no view for 1 s", "2 views"]
+    # The map is that of the first one that did not fail.
+    assert (figures["planner"], figures["views"]) == ("random", 2)
+    assert len(figures["failed"]) == 3
+    assert f"bad failed in world 1 after 1 view: {reasons[0]}" in result.stderr + result.stdout
+    assert "did not choose a pose within 1 s" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.long
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_where_all_planners_fail_the_first_one_is_quoted(world, tmp_path, ros_domain_id):
     failing = f"""bad={sys.executable} -c 'raise SystemExit("no map came")'"""
     options = ("--planner", "bad", "--node", failing, "--no-bag", "--size", "64x48")
     result = run(tmp_path / "out", world, ros_domain_id, *options)
     assert result.returncode == 1
-    assert "bad ended with exit code 1\n  | no map came" in result.stderr
+    assert "no planner explored a world: bad ended with exit code 1\n  | no map" in result.stderr
     assert "Traceback" not in result.stderr
 
 

@@ -52,6 +52,12 @@ NodeSilenceOption = Annotated[
     float,
     typer.Option(help="A --node is done once it has commanded no view for so long, s.", min=1),
 ]
+PlanTimeoutOption = Annotated[
+    float,
+    typer.Option(
+        help="A planner of another package fails if a pose takes it longer than this, s.", min=0.1
+    ),
+]
 CompareOption = Annotated[
     bool, typer.Option("--compare", help="Have all other planners explore the same worlds, too.")
 ]
@@ -96,6 +102,7 @@ def explore(
     planner: PlannerOption = "next_best_view",
     node: NodeOption = None,
     node_silence: NodeSilenceOption = 60.0,
+    plan_timeout: PlanTimeoutOption = 120.0,
     compare: CompareOption = False,
     seeds: SeedsOption = "1",
     seed: SeedOption = None,
@@ -128,7 +135,8 @@ def explore(
 
     Exit 0 if the map of the first planner in the first world agrees with the true surface. With
     several planners, the report compares their coverage against views and path length, and what
-    each needed for 90 %; after the first exploration only depth is rendered.
+    each needed for 90 %; after the first exploration only depth is rendered. A planner that fails
+    ends its own exploration alone: the others go on, the report says why, and the exit code is 1.
     """
     require_shared_memory()  # before anything imports rclpy
     from oaisys_ros_bridge.experiments.explore.explore import run_explore
@@ -170,6 +178,7 @@ def explore(
         bridge_parameters={"trajectory_points": "every" if programs else "last"},
         planners=planners,
         programs=programs,
+        plan_timeout_s=plan_timeout,
         seeds=worlds,
         via=via,
         views=views,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError, OaisysError, RenderError, quote
-from oaisys_core.geometry.poses import check_pose
+from oaisys_core.errors import RenderError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.occupancy_map import Bounds, OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
+from oaisys_mapping.exploration.planning import Plan, PlannerError, ask_for_plan
 from oaisys_mapping.rectification import rectify, rectify_camera
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
@@ -44,6 +44,8 @@ class Exploration:
         plan_s: How long the planner took for each next pose.
         views: What was received.
         refused: How many poses the simulator refused.
+        ended: Why it ended.
+        failed: Whether it ended because the planner failed.
     """
 
     poses: list[Pose] = field(default_factory=list)
@@ -51,111 +53,109 @@ class Exploration:
     plan_s: list[float] = field(default_factory=list)
     views: list[ReceivedView] = field(default_factory=list)
     refused: int = 0
+    ended: str = ""
+    failed: bool = False
+
+    def end(self, reason: str, *, failed: bool = False) -> None:
+        """Note why it ended."""
+        self.ended, self.failed = reason, failed
+
+
+NextPlan = Callable[[Vehicle, OccupancyMap, Sequence[Pose]], Plan | None]
+"""From a vehicle, the map of what it has observed and its poses so far to the next view."""
+
+
+def plans_of(planner: Planner, rng: np.random.Generator) -> NextPlan:
+    """Return what asks a planner in this process, which draws from ``rng``."""
+    return lambda vehicle, voxels, visited: ask_for_plan(
+        planner, Situation(vehicle, voxels, visited, rng)
+    )
 
 
 def explore(
     render: Callable[[Pose, FloatArray], tuple[ReceivedView, DepthFrame]],
-    planner: Planner,
+    next_plan: NextPlan,
     start: Pose,
     bounds: Bounds,
     vehicle: Vehicle,
     voxel_size_m: float,
     limits: ExplorationLimits,
-    rng: np.random.Generator,
     goes_on: Callable[[Exploration], bool],
 ) -> Exploration:
-    """Render from ``start``, then from where ``planner`` says, until it or a limit ends it.
+    """Render from ``start``, then from where a planner says, until it or a limit ends it.
 
     Args:
         render: Returns the view from a pose at the end of a path of (K, 3) positions; raises
             `RenderError` where the pose is refused.
-        planner: Asked after every view.
+        next_plan: Asks the planner, after every view.
         start: A pose around which there is room for the vehicle.
         bounds: The box to fly in and to observe.
         vehicle: What flies; its camera's intrinsics and pose are those that come with the views.
         voxel_size_m: Of the observed map.
         limits: When to end.
-        rng: The planner's.
         goes_on: Called after every view; returns whether to go on.
 
+    Returns:
+        What was explored until then, also where the planner failed: it raised, took too long, asked
+        for a pose that it cannot reach, or for `MAX_REFUSALS` in a row that were refused.
+
     Raises:
-        RenderError: The first pose was refused, or `MAX_REFUSALS` in a row.
-        OaisysError: The planner failed, or asked for what is no pose, or one that it cannot reach.
+        RenderError: The first pose was refused.
     """
     result, voxels = Exploration(), OccupancyMap(bounds, voxel_size_m)
     voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
-    pose, flown_m, refused = start, 0.0, 0
-    path_m = np.array([start.position_m])
-    while len(result.poses) < limits.views:
+    plan, flown_m, refused = Plan(start, np.array([start.position_m])), 0.0, 0
+    result.end(f"{limits.views} views")
+    while True:
         try:
-            view, frame = render(pose, path_m)
-        except RenderError:
+            view, frame = render(plan.pose, plan.path_m)
+        except RenderError as error:
             refused += 1
             result.refused += 1
-            if not result.poses or refused == MAX_REFUSALS:
+            if not result.poses:
                 raise
+            if refused == MAX_REFUSALS:
+                result.end(f"{refused} poses in a row were refused: {error}", failed=True)
+                break
         else:
             refused = 0
             _integrate(voxels, frame, vehicle)
-            result.poses.append(pose)
+            result.poses.append(plan.pose)
             result.views.append(view)
             result.path_m.append(flown_m)
             if not goes_on(result):
+                result.end("coverage")
                 break
-        situation = Situation(vehicle, voxels, result.poses, rng)
-        next_pose = _time_plan(planner, situation, result)
-        if next_pose is None:
+            if len(result.poses) == limits.views:
+                break
+        found = _time_plan(next_plan, vehicle, voxels, result)
+        if found is None:
             break
-        path_m = _path_to(situation, next_pose)
-        length_m = float(np.linalg.norm(np.diff(path_m, axis=0), axis=1).sum())
+        length_m = float(np.linalg.norm(np.diff(found.path_m, axis=0), axis=1).sum())
         if flown_m + length_m > limits.path_m:
+            result.end(f"{limits.path_m:g} m of path")
             break
-        pose, flown_m = next_pose, flown_m + length_m
+        plan, flown_m = found, flown_m + length_m
     return result
 
 
-def _time_plan(planner: Planner, situation: Situation, result: Exploration) -> Pose | None:
+def _time_plan(
+    next_plan: NextPlan, vehicle: Vehicle, voxels: OccupancyMap, result: Exploration
+) -> Plan | None:
+    """Return the next plan; None, once noted in ``result``, where there is none."""
     started_s = time.perf_counter()
-    pose = _ask(planner, situation)
-    result.plan_s.append(time.perf_counter() - started_s)
-    return pose
-
-
-def _ask(planner: Planner, situation: Situation) -> Pose | None:
-    """Return the pose that a planner, perhaps of another package, asks for.
-
-    Raises:
-        OaisysError: It failed, or what it asks for is no pose; names the planner.
-    """
     try:
-        pose = planner.next_pose(situation)
-    except OaisysError:
-        raise
-    except Exception as error:
-        what = f"{type(error).__name__}: {quote(str(error))}"
-        raise OaisysError(f"the planner {planner.name!r} failed: {what}") from error
-    if pose is None:
+        plan = next_plan(vehicle, voxels, result.poses)
+    except PlannerError as error:
+        result.end(str(error), failed=True)
         return None
-    if not isinstance(pose, Pose):
-        raise InvalidInputError(f"planner {planner.name!r}", pose, "a Pose, or None at the end")
-    checked = check_pose(pose.position_m, pose.quat_xyzw, f"planner {planner.name!r}: pose")
-    return pose if checked == pose else checked
+    result.plan_s.append(time.perf_counter() - started_s)
+    if plan is None:
+        result.end("nothing to gain")
+    return plan
 
 
 def _integrate(voxels: OccupancyMap, frame: DepthFrame, vehicle: Vehicle) -> None:
     depth_m, _ = rectify(frame.depth_m, None, frame.intrinsics)
     camera = rectify_camera(frame.intrinsics)
     voxels.integrate(depth_m, camera, frame.T_map_camera, vehicle.max_range_m)
-
-
-def _path_to(situation: Situation, pose: Pose) -> FloatArray:
-    """Return the (K, 3) positions of a path to a pose through space that is known to be free.
-
-    Raises:
-        OaisysError: There is none: a planner must not ask for such a pose.
-    """
-    path_m = situation.path_m(np.asarray(pose.position_m))
-    if path_m is None:
-        position = np.round(pose.position_m, 2).tolist()
-        raise OaisysError(f"the planner asked for {position}, to which no way is known to be free")
-    return path_m

@@ -7,32 +7,26 @@ against which coverage is counted.
 
 from __future__ import annotations
 
+import contextlib
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
 
-from oaisys_core.errors import OaisysError
-from oaisys_core.geometry import pose_to_matrix
-from oaisys_core.types import DEPTH, FloatArray, Pose, TriangleMesh
-from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_core.types import DEPTH, FloatArray, Pose
 from oaisys_mapping.evaluation.thresholds import exploration_thresholds
-from oaisys_mapping.evaluation.visibility import PosedCamera
-from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
 from oaisys_mapping.exploration.coverage_record import (
     CoverageRecord,
     comparison_lines,
     planner_results,
 )
-from oaisys_mapping.exploration.flight_box import flight_box
-from oaisys_mapping.exploration.occupancy_map import Bounds
-from oaisys_mapping.exploration.planner import Vehicle
-from oaisys_mapping.exploration.planners import make_planner
-from oaisys_mapping.rectification import rectify_camera
+from oaisys_mapping.exploration.planner_process import PlannerProcess
+from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS, make_planner, require_planner
+from oaisys_mapping.exploration.planning import PlannerError
 from oaisys_mapping.report.report import COVERAGE_GOAL
 from oaisys_ros_bridge.experiments.bringup import (
     MAP_TIMEOUT_S,
@@ -46,9 +40,11 @@ from oaisys_ros_bridge.experiments.explore.exploration import (
     Exploration,
     ExplorationLimits,
     explore,
+    plans_of,
 )
+from oaisys_ros_bridge.experiments.explore.flight_area import FlightArea, flight_area
 from oaisys_ros_bridge.experiments.explore.node_planner import VIEW_TIMEOUT_S, watch
-from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, start_pose
+from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions
 from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient, poses_along
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
@@ -56,24 +52,7 @@ from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.report import ExperimentRun, write_experiment_report
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
-REACHABLE_POSES = 600
-"""Random poses in truly free space: surface that none of them sees counts as out of reach."""
-
-COVERAGE_SPACING_M = 0.4
-"""A point of the true surface stands for a square of this edge length."""
-
 Stack = SimulatorStack[TrajectoryClient]
-
-
-@dataclass(frozen=True)
-class FlightArea:
-    """The part of one world that a vehicle flies in, and the true surface in it."""
-
-    vehicle: Vehicle
-    bounds: Bounds
-    start: Pose
-    truth: TriangleMesh
-    coverage: SurfaceCoverage
 
 
 def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
@@ -90,100 +69,86 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
     programs = {program.name for program in options.programs}
     for name in options.planners:
         if name not in programs:
-            make_planner(name)
+            require_planner(name)
     with bring_up(options, TrajectoryClient, reporter) as stack:
-        records, mapped, area = _explore_all(options, stack, reporter)
+        records, mapped = _explore_all(options, stack, reporter)
         losses = stack.client.shortfalls(MAP_TIMEOUT_S)
         info = stack.simulator.info()
     seconds = time.monotonic() - started_s
     if len(options.planners) > 1:
         for line in comparison_lines(planner_results(records, COVERAGE_GOAL), COVERAGE_GOAL):
             reporter.say(line)
+    area, views = mapped.area, mapped.found.views
     result = evaluate_and_certify(
         options,
         info,
         area.truth,
-        [PosedCamera(area.vehicle.intrinsics, _camera_pose(area, pose)) for pose in mapped.poses],
+        [area.camera(pose) for pose in mapped.found.poses],
         [],
         exploration_thresholds(options.voxel_size_m),
         reporter,
-        world_seed=records[0].seed,
+        world_seed=mapped.record.seed,
     )
     return write_experiment_report(
         options,
-        ExperimentRun(info, mapped.views, losses),
+        ExperimentRun(info, views, losses),
         result,
         reporter,
         title="Exploration of a rendered terrain",
-        columns=ceil(sqrt(len(mapped.views) * 6 / 5)),
-        facts=_facts(records),
+        columns=ceil(sqrt(len(views) * 6 / 5)),
+        facts=_facts(records, mapped.record),
+        failures=[_failure(record) for record in records if record.failed],
         seconds_total=seconds,
         coverage=records,
     )
 
 
+@dataclass(frozen=True)
+class MappedExploration:
+    """The exploration whose map is evaluated: the first one whose planner did not fail."""
+
+    found: Exploration
+    area: FlightArea
+    record: CoverageRecord
+
+
 def _explore_all(
     options: ExploreOptions, stack: Stack, reporter: Reporter
-) -> tuple[list[CoverageRecord], Exploration, FlightArea]:
-    """Return the records of all explorations, and the first one, whose map is saved."""
+) -> tuple[list[CoverageRecord], MappedExploration]:
+    """Return the records of all explorations, and the one whose map is saved.
+
+    Raises:
+        PlannerError: All planners failed in all worlds; says how the first one did.
+    """
     records: list[CoverageRecord] = []
-    first: tuple[Exploration, FlightArea] | None = None
+    mapped: MappedExploration | None = None
     for seed in options.seeds:
         area: FlightArea | None = None
         for name in options.planners:
             reporter.say(f"world {seed}: building it for {name}")
             stack.client.step_batch(seed, START_TIMEOUT_S)
-            area = area or _flight_area(options, stack, seed)
+            area = area or flight_area(options, stack.simulator, stack.sensor, seed)
             area.coverage.forget()
             found, coverage = _explore_world(options, stack, area, name, seed, reporter)
-            records.append(_record(name, seed, found, coverage, stack))
-            if first is None:
-                first = found, area
+            records.append(record := _record(name, seed, found, coverage, stack))
+            if record.failed:
+                reporter.say(_failure(record))
+            elif mapped is None:
+                mapped = MappedExploration(found, area, record)
                 _add_map_times(found, stack)
                 path = str((options.out / MESH_FILE).resolve())
                 stack.client.save_mesh(path, MAP_TIMEOUT_S)
                 # Images are wanted of the evaluated map; planners need depth alone.
                 stack.client.request_only((DEPTH,))
-    assert first is not None
-    return records, *first
+    if mapped is None:
+        raise PlannerError(f"no planner explored a world: {records[0].ended}")
+    return records, mapped
 
 
-def _camera_pose(area: FlightArea, pose: Pose) -> FloatArray:
-    """Return ``T_map_camera`` of a vehicle's pose."""
-    return pose_to_matrix(pose) @ area.vehicle.T_base_camera
-
-
-def _flight_area(options: ExploreOptions, stack: Stack, seed: int) -> FlightArea:
-    simulator, sensor = stack.simulator, stack.sensor
-    extent_m = simulator.info().stage_extent_m
-    if extent_m is None:
-        raise OaisysError("the simulator has no world")
-    vehicle = Vehicle(
-        rectify_camera(sensor.intrinsics),
-        sensor.T_base_camera,
-        options.vehicle_radius_m,
-        options.camera_range_m,
-    )
-    height_m = _heights_of(simulator)
-    bounds = flight_box(extent_m, height_m)
-    start = start_pose(bounds, height_m, options.start_height_m, vehicle)
-    truth = simulator.ground_truth_mesh()
-    rng = np.random.default_rng(seed)
-
-    def clearance_m(points_m: FloatArray) -> FloatArray:
-        return simulator.query_height(points_m).clearance_m
-
-    reachable = random_poses(bounds, vehicle, clearance_m, REACHABLE_POSES, rng)
-    coverage = SurfaceCoverage(truth, vehicle, reachable, COVERAGE_SPACING_M, rng)
-    return FlightArea(vehicle, bounds, start, truth, coverage)
-
-
-def _heights_of(simulator: SimulatorClient) -> Callable[[FloatArray], FloatArray]:
-    def height_m(xy_m: FloatArray) -> FloatArray:
-        points_m = np.column_stack((xy_m, np.zeros(len(xy_m))))
-        return simulator.query_height(points_m).surface_height_m
-
-    return height_m
+def _failure(record: CoverageRecord) -> str:
+    """Return how a planner failed, in a sentence."""
+    views = f"{len(record.coverage)} view{'s' if len(record.coverage) > 1 else ''}"
+    return f"{record.planner} failed in world {record.seed} after {views}: {record.ended}"
 
 
 def _explore_world(
@@ -225,17 +190,22 @@ def _explore_world(
         if program.name == name:
             log = options.out / "logs" / f"{name}-{seed}.log"
             return watch(program, stack.client, area.start, limits, log, goes_on), coverage
-    found = explore(
-        render,
-        make_planner(name),
-        area.start,
-        area.bounds,
-        area.vehicle,
-        options.planning_voxel_m,
-        limits,
-        np.random.default_rng(seed),
-        goes_on,
-    )
+    with contextlib.ExitStack() as planners:
+        if name in BUILT_IN_PLANNERS:
+            next_plan = plans_of(make_planner(name), np.random.default_rng(seed))
+        else:
+            process = PlannerProcess(name, seed, options.plan_timeout_s)
+            next_plan = planners.enter_context(process).next_plan
+        found = explore(
+            render,
+            next_plan,
+            area.start,
+            area.bounds,
+            area.vehicle,
+            options.planning_voxel_m,
+            limits,
+            goes_on,
+        )
     return found, coverage
 
 
@@ -266,17 +236,18 @@ def _record(
         plan_s=statistics.median(found.plan_s) if found.plan_s else 0.0,
         refused=found.refused,
         least_clearance_m=float(np.nanmin(clearance_m)),
+        ended=found.ended,
+        failed=found.failed,
     )
 
 
-def _facts(records: Sequence[CoverageRecord]) -> dict[str, Any]:
+def _facts(records: Sequence[CoverageRecord], mapped: CoverageRecord) -> dict[str, Any]:
     """Return the entries of ``report.json`` on explorations."""
-    first = records[0]
     return {
-        "planner": first.planner,
-        "coverage": list(first.coverage),
-        "path_length_m": first.path_m[-1],
-        "seconds_to_plan": first.plan_s,
+        "planner": mapped.planner,
+        "coverage": list(mapped.coverage),
+        "path_length_m": mapped.path_m[-1],
+        "seconds_to_plan": mapped.plan_s,
         "explorations": [
             asdict(record) | {"views_to_90": record.views_to(COVERAGE_GOAL)} for record in records
         ],

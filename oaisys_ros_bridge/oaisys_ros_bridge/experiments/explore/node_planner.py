@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.system.owner import command_with_owner
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.types import Pose
@@ -70,8 +70,8 @@ def watch(
 ) -> Exploration:
     """Render from ``start``, then let the program command views until it or a limit ends it.
 
-    It is done when it exits with code 0, or is silent. The way between two views counts as
-    straight; what the bridge refused is in its log.
+    It is done when it exits with code 0, or is silent after its first view. The way between two
+    views counts as straight; what the bridge refused is in its log.
 
     Args:
         planner: The program; it runs in this process's ROS domain.
@@ -81,42 +81,77 @@ def watch(
         log: The program's output.
         goes_on: Called after every view; returns whether to go on.
 
+    Returns:
+        What was explored until then, also where the program failed, commanded no view, or a view
+        was not received.
+
     Raises:
-        OaisysError: The first pose was refused, a view was not received, or the program failed.
+        OaisysError: The view from ``start`` was refused, or not received.
     """
     result = Exploration()
     view, _ = client.view_by_service(start, VIEW_TIMEOUT_S)
     _add(result, view, start)
-    if not goes_on(result) or limits.views == 1:
+    if not goes_on(result):
+        result.end("coverage")
+        return result
+    result.end(f"{limits.views} views")
+    if limits.views == 1:
         return result
     command = command_with_owner(planner.command)
-    process = ManagedProcess(planner.name, command, log, os.environ, logs_output=True)
-
-    def has_exited() -> bool:
-        return process.exit_code is not None
-
-    with process:
-        while len(result.poses) < limits.views:
-            asked_s = time.monotonic()
-            found = client.wait_for_commanded_view(planner.silence_s, has_exited, VIEW_TIMEOUT_S)
-            if found is None:
-                _require_success(process)
-                break
-            view, pose = found
-            if _length_m(result, pose) > limits.path_m:
-                break
-            result.plan_s.append(max(time.monotonic() - asked_s - view.render_s, 0.0))
-            _add(result, view, pose)
-            if not goes_on(result):
-                break
+    with ManagedProcess(planner.name, command, log, os.environ, logs_output=True) as process:
+        try:
+            _follow(planner, process, client, limits, goes_on, result)
+        except OaisysError as error:
+            result.end(str(error), failed=True)
     client.replace_commands(result.poses[-1])
     return result
 
 
-def _require_success(process: ManagedProcess) -> None:
-    """Raise `OaisysError` where the program has ended with another exit code than 0."""
-    if process.exit_code not in (None, 0):
+def _follow(
+    planner: NodePlanner,
+    process: ManagedProcess,
+    client: TrajectoryClient,
+    limits: ExplorationLimits,
+    goes_on: Callable[[Exploration], bool],
+    result: Exploration,
+) -> None:
+    """Add the views that a program commands, and note why they ended.
+
+    Raises:
+        OaisysError: A view was not received, or the program failed.
+    """
+    while len(result.poses) < limits.views:
+        asked_s = time.monotonic()
+        found = client.wait_for_commanded_view(
+            planner.silence_s, lambda: process.exit_code is not None, VIEW_TIMEOUT_S
+        )
+        if found is None:
+            _note_end(planner, process, result)
+            return
+        view, pose = found
+        if _length_m(result, pose) > limits.path_m:
+            result.end(f"{limits.path_m:g} m of path")
+            return
+        result.plan_s.append(max(time.monotonic() - asked_s - view.render_s, 0.0))
+        _add(result, view, pose)
+        if not goes_on(result):
+            result.end("coverage")
+            return
+
+
+def _note_end(planner: NodePlanner, process: ManagedProcess, result: Exploration) -> None:
+    """Note why a program commands no more views.
+
+    Raises:
+        OaisysError: It has ended with another exit code than 0.
+    """
+    if process.exit_code is None:
+        reason = f"{planner.name} commanded no view for {planner.silence_s:g} s"
+        result.end(reason, failed=len(result.poses) == 1)
+        return
+    if process.exit_code != 0:
         process.check()
+    result.end("exit code 0")
 
 
 def _length_m(result: Exploration, pose: Pose) -> float:

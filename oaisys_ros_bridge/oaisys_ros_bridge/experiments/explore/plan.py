@@ -37,6 +37,7 @@ class ExploreOptions(ExperimentOptions):
     Attributes:
         planners: Names of the planners, each of which explores every world.
         programs: Those of them that are programs of their own.
+        plan_timeout_s: How long a planner of another package may take for a pose.
         seeds: One world each.
         via: How views are requested: by ``service`` or by ``trajectory``.
         views: Most views of an exploration.
@@ -51,6 +52,7 @@ class ExploreOptions(ExperimentOptions):
 
     planners: Sequence[str]
     programs: Sequence[NodePlanner]
+    plan_timeout_s: float
     seeds: Sequence[int]
     via: str
     views: int
