@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -13,6 +14,9 @@ from pydantic_core import ErrorDetails
 
 from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError, did_you_mean, one_of_keys
+
+MOST_FAULTS = 100
+"""Errors that are told; a hostile file has hundreds of thousands."""
 
 UNKNOWN_KEY = "extra_forbidden"
 MISSING_KEY = "missing"
@@ -107,30 +111,44 @@ class ConfigFault:
 
 
 def faults_of(error: ValidationError, data: object, kind: Any) -> list[ConfigFault]:
-    """Return the errors, without those that only repeat an error of a nested value.
+    """Return the first `MOST_FAULTS` errors, without those that only repeat one of a nested value.
 
     Args:
         error: What pydantic found.
         data: The data that it checked.
         kind: The section, or type, that the data should have been.
     """
-    details = error.errors()
+    return [
+        _joined([_fault(detail, data, kind) for detail in details])
+        for details in islice(_by_location(error, data).values(), MOST_FAULTS)
+    ]
 
-    def inside(loc: tuple[int | str, ...]) -> bool:
-        return any(len(d["loc"]) > len(loc) and d["loc"][: len(loc)] == loc for d in details)
 
-    found: dict[tuple[int | str, ...], ConfigFault] = {}
+def fault_count(error: ValidationError, data: object) -> int:
+    """Return how many errors `faults_of` would return without a bound."""
+    return len(_by_location(error, data))
+
+
+def _by_location(
+    error: ValidationError, data: object
+) -> dict[tuple[int | str, ...], list[ErrorDetails]]:
+    """Return what pydantic found at each location, without what holds another error."""
+    details = error.errors(include_url=False)
+    around = {detail["loc"][:end] for detail in details for end in range(len(detail["loc"]))}
+    found: dict[tuple[int | str, ...], list[ErrorDetails]] = {}
     for detail in details:
-        if inside(detail["loc"]):
-            continue
-        fault = _fault(detail, data, kind)
-        first = found.get(fault.location)
-        if first is None:
-            found[fault.location] = fault
-        elif fault.expected not in first.expected:  # alternatives of a union
-            either = f"{first.expected} or {fault.expected}"
-            found[fault.location] = replace(first, expected=either)
-    return list(found.values())
+        if detail["loc"] not in around:
+            found.setdefault(_location(detail, data), []).append(detail)
+    return found
+
+
+def _joined(faults: Sequence[ConfigFault]) -> ConfigFault:
+    """Return the errors at one location, which are those of a union's alternatives, as one."""
+    first = faults[0]
+    for fault in faults[1:]:
+        if fault.expected not in first.expected:
+            first = replace(first, expected=f"{first.expected} or {fault.expected}")
+    return first
 
 
 def refusal(error: ValidationError, data: object, kind: Any, *path: str) -> InvalidInputError:
@@ -182,10 +200,10 @@ def inner_types(kind: Any, part: int | str) -> list[Any]:
     return [] if field is None else [field.annotation]
 
 
-def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]:
-    """Return a location without the names of types that pydantic inserts."""
+def _location(detail: ErrorDetails, data: object) -> tuple[int | str, ...]:
+    """Return an error's location without the names of types that pydantic inserts."""
+    loc, here = detail["loc"], data
     location: list[int | str] = []
-    here = data
     for index, part in enumerate(loc):
         is_key = isinstance(here, Mapping) and part in here
         is_index = isinstance(here, list | tuple) and isinstance(part, int) and part < len(here)
@@ -194,17 +212,22 @@ def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]
         elif index < len(loc) - 1 or "[" in str(part) or not isinstance(here, Mapping | list):
             continue
         location.append(part)
+    if detail["type"].startswith("union_tag_"):
+        # The error is in the tag, not in the mapping around it.
+        location.append(_tag(detail))
     return tuple(location)
+
+
+def _tag(detail: ErrorDetails) -> str:
+    """Return the key whose value selects the section."""
+    return str(detail["ctx"]["discriminator"]).strip("'")
 
 
 def _fault(detail: ErrorDetails, data: object, data_kind: Any) -> ConfigFault:
     kind, received = detail["type"], detail["input"]
-    location = _location(detail["loc"], data)
+    location = _location(detail, data)
     if kind.startswith("union_tag_"):
-        # The error is in the tag, not in the mapping around it.
-        tag = str(detail["ctx"]["discriminator"]).strip("'")
-        location = (*location, tag)
-        received = received.get(tag) if isinstance(received, Mapping) else received
+        received = received.get(_tag(detail)) if isinstance(received, Mapping) else received
     if kind == "union_tag_not_found":
         kind = MISSING_KEY
     if kind == MISSING_KEY:

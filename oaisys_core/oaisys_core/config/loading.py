@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
+from oaisys_core.config.expectations import (
+    MISSING_KEY,
+    UNKNOWN_KEY,
+    ConfigFault,
+    fault_count,
+    faults_of,
+)
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
@@ -83,6 +89,8 @@ def _check(
         config = SimulationConfig.model_validate(data, context={BASE: base})
     except ValidationError as error:
         lines = [_line(fault, source, root) for fault in faults_of(error, data, SimulationConfig)]
+        if (count := fault_count(error, data)) > len(lines):
+            lines.append(f"{source}: {count - len(lines)} more errors, {count} in all")
         raise ConfigError("\n".join(lines)) from error
     return config
 

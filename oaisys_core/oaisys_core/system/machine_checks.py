@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 import os
 import platform
+import re
 import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quote
 
 State = Literal["ok", "optional", "missing"]
 
@@ -31,6 +34,9 @@ LEAST_SHARED_MEMORY_MB = 64.0
 
 LEAST_DISK_GB = 2.0
 """Room for a survey's bag and the cache of textures."""
+
+LAST_DOMAIN = 232
+"""Of ROS: the ports of higher ones would be above 65535."""
 
 GPU_TIMEOUT_S = 120.0
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "firefox")
@@ -75,18 +81,30 @@ def examine_machine(address: str) -> list[Finding]:
     Raises:
         InvalidInputError: The address is none.
     """
-    return [
-        _python(),
-        *_packages(),
-        _blender(),
-        _gpu(),
-        _memory(),
-        _shared_memory(Path("/dev/shm")),  # noqa: S108
-        _disk(Path.cwd()),
-        _port(address),
-        _ros(),
-        _browser(),
-    ]
+    _require_address(address)
+    checks: dict[str, Callable[[], Finding]] = {
+        "Python": _python,
+        **{name: partial(_package, name) for name in PACKAGES},
+        "Blender (bpy)": _blender,
+        "GPU": _gpu,
+        "memory": _memory,
+        "shared memory": partial(_shared_memory, Path("/dev/shm")),  # noqa: S108
+        "temporary files": _temporary_folder,
+        "disk": _disk,
+        "port": partial(_port, address),
+        "ROS 2": _ros,
+        "browser": _browser,
+    }
+    return [_examine(name, check) for name, check in checks.items()]
+
+
+def _examine(name: str, check: Callable[[], Finding]) -> Finding:
+    """Return what a check finds, or that the machine does not let it look."""
+    try:
+        return check()
+    except (OSError, ValueError, RuntimeError, MemoryError, ImportError) as error:
+        what = f"{type(error).__name__}: {quote(str(error))}"
+        return Finding(name, "optional", f"cannot be examined here: {what}")
 
 
 def _python() -> Finding:
@@ -97,12 +115,12 @@ def _python() -> Finding:
     return Finding("Python", "optional", f"{here}; Blender has no package for it", remedy)
 
 
-def _packages() -> Iterator[Finding]:
-    for name, (use, state, remedy) in PACKAGES.items():
-        try:
-            yield Finding(name, "ok", f"{version(name)}, for {use}")
-        except PackageNotFoundError:
-            yield Finding(name, state, f"not installed, for {use}", remedy)
+def _package(name: str) -> Finding:
+    use, state, remedy = PACKAGES[name]
+    try:
+        return Finding(name, "ok", f"{version(name)}, for {use}")
+    except PackageNotFoundError:
+        return Finding(name, state, f"not installed, for {use}", remedy)
 
 
 def _blender() -> Finding:
@@ -134,7 +152,7 @@ def _gpu() -> Finding:
             check=True,
         )
         found: dict[str, list[str]] = json.loads(ended.stdout.splitlines()[-1])
-    except (subprocess.SubprocessError, ValueError, IndexError) as error:
+    except (OSError, subprocess.SubprocessError, ValueError, IndexError) as error:
         text = f"Blender did not say: {type(error).__name__}"
         return Finding("GPU", "optional", text, 'python -c "import bpy"  (shows why)')
     if not found:
@@ -166,7 +184,26 @@ def _shared_memory(folder: Path) -> Finding:
     return Finding("shared memory", "optional", found, remedy)
 
 
-def _disk(folder: Path) -> Finding:
+def _temporary_folder() -> Finding:
+    wanted = next((os.environ[key] for key in ("TMPDIR", "TEMP", "TMP") if os.environ.get(key)), "")
+    wanted = wanted or "/tmp"  # noqa: S108
+    try:
+        used = tempfile.gettempdir()
+    except FileNotFoundError:
+        remedy = "export TMPDIR=...  (a folder of yours with room)"
+        return Finding("temporary files", "missing", f"no folder takes any: {wanted} ...", remedy)
+    if Path(used) == Path(wanted).absolute():
+        return Finding("temporary files", "ok", f"in {used}")
+    found = f"{quote(wanted)} takes none (no such folder, not yours, or full): {used} is used"
+    return Finding("temporary files", "optional", found, "make room there, or set TMPDIR")
+
+
+def _disk() -> Finding:
+    try:
+        folder = Path.cwd()
+    except FileNotFoundError:
+        found = "the current folder has been removed"
+        return Finding("disk", "missing", found, "cd to a folder that exists")
     free_gb = shutil.disk_usage(folder).free / 1e9
     found = f"{free_gb:.1f} GB free in {folder}"
     if free_gb >= LEAST_DISK_GB:
@@ -174,17 +211,23 @@ def _disk(folder: Path) -> Finding:
     return Finding("disk", "missing", found, f"make room: {LEAST_DISK_GB:g} GB are needed")
 
 
-def _port(address: str) -> Finding:
-    host, colon, port = address.rpartition(":")
-    if not (colon and port.isdigit() and 0 <= int(port) < 65536):
+def _require_address(address: str) -> None:
+    """Raise `InvalidInputError` unless an address has a host and a port."""
+    _, colon, port = address.rpartition(":")
+    if not (colon and re.fullmatch("[0-9]{1,5}", port) and int(port) < 65536):
         raise InvalidInputError("address", address, "HOST:PORT with a port from 0 to 65535")
+
+
+def _port(address: str) -> Finding:
+    host, _, port = address.rpartition(":")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as trial:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             trial.bind((host.strip("[]"), int(port)))
-        except OSError as error:
-            found = f"{address} cannot be used: {error.strerror or error}"
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or quote(str(error))
+            found = f"{quote(address)} cannot be used: {reason}"
             remedy = "oaisys serve --address 127.0.0.1:0  (any free port)"
             return Finding("port", "optional", found, remedy)
     return Finding("port", "ok", f"{address} is free")
@@ -192,8 +235,11 @@ def _port(address: str) -> Finding:
 
 def _ros() -> Finding:
     distribution = os.environ.get("ROS_DISTRO", "")
-    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     missing = [name for name in ("rclpy", "oaisys_msgs") if find_spec(name) is None]
+    if not missing and not (re.fullmatch("[0-9]{1,3}", domain) and int(domain) <= LAST_DOMAIN):
+        found = f"ROS_DOMAIN_ID is {quote(domain)}, expected a number from 0 to {LAST_DOMAIN}"
+        return Finding("ROS 2", "optional", found, "unset ROS_DOMAIN_ID")
     if not missing:
         return Finding("ROS 2", "ok", f"{distribution or 'unnamed'}, domain {domain}")
     remedy = "source .venv/oaisys_env.sh  (after make setup), or colcon build"

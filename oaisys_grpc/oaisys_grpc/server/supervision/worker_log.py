@@ -19,10 +19,17 @@ _LOGS_KEPT = 40
 """Log files of all servers on this machine; each port has its own."""
 
 
-def state_folder() -> Path:
-    """Return the folder for state that outlives a run, by the XDG specification."""
+def state_folder() -> Path | None:
+    """Return the folder for state that outlives a run, by the XDG specification.
+
+    None, with a warning, for a user without a home, such as a number that a container was given.
+    """
     base = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
-    return Path(base).expanduser() / "oaisys"
+    try:
+        return Path(base).expanduser() / "oaisys"
+    except RuntimeError as error:
+        _LOG.warning("what workers print is not kept, see --worker-log: %s", error)
+        return None
 
 
 class WorkerLog:

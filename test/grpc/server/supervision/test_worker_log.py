@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 from pathlib import Path
 
 import pytest
 
-from oaisys_grpc.server.supervision.worker_log import WorkerLog
+from oaisys_grpc.server.supervision.worker_log import WorkerLog, state_folder
 
 ADDRESS = "127.0.0.1:50051"
 LOG = "worker-127.0.0.1-50051.log"
@@ -34,3 +35,17 @@ def test_a_worker_s_log_follows_no_link_and_is_read_by_its_user_alone(
     log.close()
     assert "a line" in (tmp_path / "state" / LOG).read_text()
     assert (tmp_path / "state" / LOG).stat().st_mode & 0o777 == 0o600
+
+
+def test_a_user_without_a_home_is_told_that_nothing_is_kept(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The server ended with a traceback, in containers whose user is just a number."""
+    monkeypatch.delenv("HOME")
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 2_000_000_123)
+    with caplog.at_level(logging.WARNING):
+        assert state_folder() is None
+    assert "--worker-log" in caplog.text
+    monkeypatch.setenv("XDG_STATE_HOME", "/elsewhere")
+    assert state_folder() == Path("/elsewhere/oaisys")
