@@ -83,7 +83,7 @@ def info(
         _say(f"{name:<17} {_lon_lat(places.lon_lat_height(place, (*corner, 0.0))[0])}")
     for text in from_map or ():
         point_m = _numbers(text, "--from-map", "X,Y or X,Y,Z")
-        _say(f"map {text}  is  {_shown(places.lon_lat_height(place, point_m)[0])}")
+        _say(f"map {text}  is  {_shown(places.places_of(place, point_m)[0])}")
     for text in to_map or ():
         found = places.points_in_map(place, _numbers(text, "--to-map", "LON,LAT[,ELEVATION]"))[0]
         _say(f"place {text}  is  {', '.join(f'{each:.4f}' for each in found)} m in map")

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
@@ -21,6 +21,18 @@ NORTH_STEP_M = 1.0
 
 AXIS_STEP_M = 50.0
 """The same, where directions are compared in the body's own axes: longer because of rounding."""
+
+MOST_LON_DEG = 360.0
+"""Longitudes beyond a whole turn are none that anybody means."""
+
+SAME_PLACE_DEG = 1e-6
+"""A place that PROJ turns into a point and back is the same within 0.1 m."""
+
+SAME_PLACE = 1e-6
+"""The same for points, as a share of their largest coordinate, and in units of the system."""
+
+LON_STEP_DEG = 1e-3
+"""Step in which the width of a whole turn is measured."""
 
 
 def lon_lat_height(georeference: Georeference, points_m: ArrayLike) -> FloatArray:
@@ -41,6 +53,48 @@ def lon_lat_height(georeference: Georeference, points_m: ArrayLike) -> FloatArra
     return np.stack((lon, lat, points[:, 2] - georeference.height_offset_m), axis=-1)
 
 
+def places_of(georeference: Georeference, points_m: ArrayLike) -> FloatArray:
+    """Return what `lon_lat_height` does, for points that may be anywhere.
+
+    Raises:
+        InvalidInputError: A point is not in the area of the ground's reference system, beyond which
+            PROJ returns infinite longitudes, or those of other points.
+    """
+    points = np.asarray(points_m, np.float64).reshape(-1, 3)
+    found = lon_lat_height(georeference, points)
+    a, b, c, d, e, f = georeference.map_to_system
+    there = np.array(((a, b), (d, e))) @ points[:, :2].T + np.array(((c,), (f,)))
+    with np.errstate(all="ignore"):
+        is_wrong = ~(_returns(georeference.wkt, there, found) & _is_on_globe(found))
+    if is_wrong.any():
+        expected = "a point in the area of the stage's reference system"
+        raise InvalidInputError("point", points[is_wrong][0].tolist(), expected)
+    return found
+
+
+def _is_on_globe(places: FloatArray) -> NDArray[np.bool_]:
+    """Return (N,) whether (N, 3) places have longitudes and latitudes within their bounds."""
+    bounds = (MOST_LON_DEG, 90.0)
+    return np.asarray((np.abs(places[:, :2]) <= bounds).all(axis=1))
+
+
+def _returns(wkt: str, there: FloatArray, places: FloatArray) -> NDArray[np.bool_]:
+    """Return (N,) whether (N, 3) places lie at (2, N) coordinates of a system, or a turn further.
+
+    Only where x grows evenly with the longitude are there points beyond the longitude of 180.
+    """
+    lon, lat = places[:, 0], places[:, 1]
+    back = np.array(_transformer(wkt).transform(lon, lat, direction="INVERSE"))
+    near = (lon - np.copysign(LON_STEP_DEG, lon), lat)
+    step = np.abs(back[0] - _transformer(wkt).transform(*near, direction="INVERSE")[0])
+    turns = np.rint((there[0] - back[0]) * LON_STEP_DEG / step / 360.0)
+    turns = np.clip(np.nan_to_num(turns), -1.0, 1.0)
+    miss = there - back
+    miss[0] -= turns * step / LON_STEP_DEG * 360.0
+    most = SAME_PLACE * (1.0 + np.abs(there).max(axis=0))
+    return np.asarray((np.abs(miss) <= most).all(axis=0))
+
+
 def points_in_map(georeference: Georeference, places: ArrayLike) -> FloatArray:
     """Return the (N, 3) points in ``map`` of places as `lon_lat_height` returns them.
 
@@ -51,10 +105,16 @@ def points_in_map(georeference: Georeference, places: ArrayLike) -> FloatArray:
     to_system = _transformer(georeference.wkt)
     x, y = to_system.transform(given[:, 0], given[:, 1], direction="INVERSE")
     outside = ~(np.isfinite(x) & np.isfinite(y))
+    lon, lat = to_system.transform(x, y)
+    # Far from its area a projection puts places where others are.
+    with np.errstate(invalid="ignore"):
+        turn_deg = (lon - given[:, 0] + 180.0) % 360.0 - 180.0
+        away_deg = np.hypot(turn_deg * np.cos(np.radians(given[:, 1])), lat - given[:, 1])
+        outside |= ~(away_deg < SAME_PLACE_DEG)
     if outside.any():
-        lon, lat, _ = given[outside][0]
+        received = "{:.9g}, {:.9g}".format(*given[outside][0])
         expected = "longitude and latitude in the area of the stage's reference system"
-        raise InvalidInputError("place", f"{lon:.9g}, {lat:.9g}", expected)
+        raise InvalidInputError("place", received, expected)
     a, b, c, d, e, f = georeference.map_to_system
     points = np.linalg.solve(np.array(((a, b), (d, e))), np.stack((x - c, y - f)))
     return np.stack((*points, given[:, 2] + georeference.height_offset_m), axis=-1)

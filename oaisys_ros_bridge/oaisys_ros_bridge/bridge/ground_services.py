@@ -99,7 +99,7 @@ class GroundServices:
 
     def _to_lon_lat(self, request: ToLonLat.Request, response: ToLonLat.Response) -> None:
         georeference = self._georeference()
-        found = places.lon_lat_height(georeference, self._in_map_m(request))
+        found = places.places_of(georeference, self._in_map_m(request))
         response.longitude, response.latitude, response.elevation = (
             array_of("d", column) for column in found.T
         )

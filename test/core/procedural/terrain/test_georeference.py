@@ -25,6 +25,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import places
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.simulation import Simulation
+from oaisys_core.types.georeference import Georeference
 
 MOON = "+proj=stere +lat_0=-90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m"
 MARS = "+proj=eqc +lat_ts=0 +lon_0=0 +R=3396190 +units=m"
@@ -143,6 +144,49 @@ def test_points_come_back_within_a_millimetre(tmp_path: Path, name: str) -> None
     points_m = np.random.default_rng(2).uniform((x0, y0, -50), (x1, y1, 50), (1000, 3))
     again_m = places.points_in_map(place, places.lon_lat_height(place, points_m))
     assert np.abs(again_m - points_m).max() < 1e-3
+
+
+def georeference_at(crs: str, x: float, y: float) -> Georeference:
+    return Georeference(CRS.from_user_input(crs).to_wkt(), (1, 0, x, 0, 1, y), 0.0)
+
+
+SWISS = georeference_at("EPSG:2056", 2_600_000, 1_200_000)
+UTM = georeference_at("EPSG:32632", 500_000, 5_200_000)
+MERCATOR = georeference_at("EPSG:3857", 20_037_000, 0)
+DEGREES = georeference_at("EPSG:4326", 11, 46)
+
+
+@pytest.mark.parametrize("place", [(-171, -47), (180, 0), (0, -90), (99, 0), (100, 10)])
+def test_places_that_a_projection_puts_where_others_are_are_refused(
+    place: tuple[float, float],
+) -> None:
+    """The antipode of Berne was 9 km from Berne."""
+    with pytest.raises(InvalidInputError, match=f"place: received '{place[0]}, {place[1]}'"):
+        places.points_in_map(SWISS, [(8.0, 47.0, 0.0), (*place, 0.0)])
+
+
+@pytest.mark.parametrize("place", [(0, 90), (-180, 0), (369, 47), (-351, 47), (9, -47)])
+def test_places_far_away_are_those_that_they_are(place: tuple[float, float]) -> None:
+    (point_m,) = places.points_in_map(UTM, [(*place, 5.0)])
+    ((lon, lat, _),) = places.places_of(UTM, [point_m])
+    assert lat == pytest.approx(place[1], abs=1e-6)
+    if abs(place[1]) < 90:
+        assert (lon - place[0] + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("georeference", "x_m"),
+    [(SWISS, 2.5e7), (SWISS, 1e300), (UTM, 2.5e7), (UTM, 1e9), (DEGREES, 1e7), (MERCATOR, 1e300)],
+)
+def test_points_without_a_place_are_refused(georeference: Georeference, x_m: float) -> None:
+    with pytest.raises(InvalidInputError, match=r"point: received .* in the area of the stage's"):
+        places.places_of(georeference, [(0.0, 0.0, 0.0), (x_m, 0.0, 0.0)])
+
+
+def test_a_stage_may_lie_across_the_longitude_of_180() -> None:
+    found = places.places_of(MERCATOR, [(0, 0, 0), (2_000, 0, 0)])
+    lon = np.degrees(np.array((20_037_000, 20_039_000)) / 6_378_137)
+    np.testing.assert_allclose(found[:, 0], (lon[0], lon[1] - 360), atol=1e-9)
 
 
 def test_north_of_a_polar_map_is_not_up(tmp_path: Path) -> None:
