@@ -25,8 +25,19 @@ CAMERA = {
 """What a browser says of its camera, first of all."""
 
 
+def masked_frame(message: dict[str, Any]) -> bytes:
+    """Return a message of at most 65,535 bytes as the binary frame of a WebSocket's client."""
+    data = msgspec.msgpack.encode(message)
+    return b"\x82\xfe" + len(data).to_bytes(2, "big") + bytes(4) + data
+
+
 class RawBrowser:
-    """One connection to a page; use it in a ``with`` block."""
+    """One connection to a page; use it in a ``with`` block.
+
+    Attributes:
+        labels: Fields and buttons that it was sent, with their ids.
+        texts: Lines of the page that it was sent.
+    """
 
     def __init__(self, url: str) -> None:
         address = urlsplit(url)
@@ -37,7 +48,7 @@ class RawBrowser:
             subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item] # a NewType
             max_size=None,
         )
-        self._ids: dict[str, str] = {}
+        self.labels: dict[str, str] = {}
         self.texts: list[str] = []
 
     def __enter__(self) -> Self:
@@ -63,8 +74,8 @@ class RawBrowser:
 
     def set_value(self, label: str, value: Any, timeout_s: float) -> None:
         """Change a field, or press a button, by its label."""
-        self.read_until(lambda: label in self._ids, timeout_s)
-        self.send("GuiUpdateMessage", uuid=self._ids[label], updates={"value": value})
+        self.read_until(lambda: label in self.labels, timeout_s)
+        self.send("GuiUpdateMessage", uuid=self.labels[label], updates={"value": value})
 
     def read_until(self, condition: Any, timeout_s: float) -> None:
         """Read what the page sends until a condition holds; raises TimeoutError."""
@@ -83,7 +94,7 @@ class RawBrowser:
     def _take(self, message: dict[str, Any]) -> None:
         props = message.get("props") or message.get("updates") or {}
         if "uuid" in message and props.get("label"):
-            self._ids[props["label"]] = message["uuid"]
+            self.labels[props["label"]] = message["uuid"]
         for name in ("content", "_markdown", "body", "title"):
             if isinstance(props.get(name), str):
                 self.texts.append(props[name])

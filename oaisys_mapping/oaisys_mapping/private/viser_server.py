@@ -1,7 +1,7 @@
 """The way in which viser starts the server of its page.
 
 Private part: viser calls ``websockets.asyncio.server.serve`` with a ``process_request``, which is
-    asked about each request; both are wrapped while viser starts.
+    asked about each request; both are wrapped while viser starts, and messages are bounded.
 Tried with: viser 1.1.1, websockets 16.1.1.
 Public way without it: none; viser offers no check of requests. The page is not served at all.
 Lost without it: the live page; reports, their meshes, RViz and Foxglove show the same.
@@ -25,6 +25,12 @@ Process = Callable[[Any, Request], Answer | Awaitable[Answer]]
 SERVE = "serve"
 """Name of the function that viser starts its server with."""
 
+MAX_MESSAGE_BYTES = 4_000_000
+"""Of a browser; viser's bound of 50 MB is for pictures of its window, which nobody asks for here.
+
+A message of 49 MB took 0.5 GB, and held up all other browsers for seconds.
+"""
+
 
 @contextmanager
 def requests_asked_about(wrap: Callable[[Process], Process]) -> Iterator[None]:
@@ -38,6 +44,7 @@ def requests_asked_about(wrap: Callable[[Process], Process]) -> Iterator[None]:
     def serve(*arguments: Any, process_request: Process, **options: Any) -> Any:
         assert plain is not None
         wrapped.append(True)
+        options["max_size"] = MAX_MESSAGE_BYTES
         return plain(*arguments, process_request=wrap(process_request), **options)
 
     if plain is not None:

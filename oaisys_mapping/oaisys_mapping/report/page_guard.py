@@ -29,6 +29,9 @@ from oaisys_mapping.private.viser_server import Answer, Process, requests_asked_
 
 _LOG = logging.getLogger(__name__)
 
+GONE_S = 30.0
+"""A browser that takes nothing of what it is sent for so long is gone, or as good as."""
+
 
 class PageGuard:
     """Checks each request to a page.
@@ -91,6 +94,7 @@ class PageGuard:
                 self._untold.add(reason)
                 self.tell()
                 return _response(http.HTTPStatus.FORBIDDEN, f"refused: {reason}\n")
+            _end_when_gone(connection)
             path = request.path.removeprefix(f"/{self.token}")
             if not path.startswith("/") and "Upgrade" not in request.headers:
                 return _response(http.HTTPStatus.FOUND, "", Location=f"/{self.token}/{path}")
@@ -101,6 +105,16 @@ class PageGuard:
             return answer
 
         return guard
+
+
+def _end_when_gone(connection: Any) -> None:
+    """Have the kernel end a connection whose other end takes nothing more.
+
+    A page's own pings wait behind what was sent before, and so for ever.
+    """
+    end = connection.transport.get_extra_info("socket")
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        end.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * GONE_S))
 
 
 def _name_of(address: str) -> str | None:

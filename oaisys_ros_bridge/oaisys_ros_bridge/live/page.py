@@ -151,6 +151,8 @@ class LivePage:
     def _welcome(self, client: viser.ClientHandle) -> None:
         client.camera.on_update(lambda camera: self._take_view(client, camera))
         with self._lock:
+            if client.client_id not in self._viewer.server.get_clients():
+                return  # it has gone meanwhile, and is not parted from again
             if self._driver is None and not self._buttons:
                 self._make_driver(client)
             else:
