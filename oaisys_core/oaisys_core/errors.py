@@ -13,6 +13,9 @@ LONGEST_NAME = 100
 LONGEST_QUOTE = 80
 """Characters that an error shows of a value."""
 
+LONGEST_FIELD = 200
+"""Characters that an error shows of a field's path, which may have keys from outside."""
+
 _MAX_BITS = 1024
 """Size of a whole number up to which its digits are computed, which takes time with its square."""
 
@@ -32,6 +35,16 @@ def quote(value: object) -> str:
         # The name of a file says more than the first of its folders.
         return f"{text[:20]}...{ascii(path[-54:])[1:]}"[-LONGEST_QUOTE:]
     return text[: LONGEST_QUOTE - 3] + "..."
+
+
+def show_field(path: str) -> str:
+    r"""Return the first characters of a field's path, those that may command a terminal escaped.
+
+    >>> print(show_field("metadata.sensor.a\x1b[31m"))
+    metadata.sensor.a\x1b[31m
+    """
+    shown = path if len(path) <= LONGEST_FIELD else f"{path[: LONGEST_FIELD - 3]}..."
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in shown)
 
 
 def _characters(value: object, depth: int) -> Iterator[str]:
@@ -112,7 +125,7 @@ class InvalidInputError(OaisysError):
     """
 
     def __init__(self, field: str, received: object, expected: str) -> None:
-        super().__init__(f"{field}: received {quote(received)}, expected {expected}")
+        super().__init__(f"{show_field(field)}: received {quote(received)}, expected {expected}")
         self.field = field
         self.received = received
         self.expected = expected

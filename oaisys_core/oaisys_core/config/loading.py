@@ -18,7 +18,7 @@ from oaisys_core.config.expectations import (
     faults_of,
 )
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.errors import ConfigError, quote
+from oaisys_core.errors import ConfigError, quote, show_field
 from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
 from oaisys_core.files.path_fields import BASE
 
@@ -98,7 +98,7 @@ def _check(
 def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
     line = _line_of(root, fault.location)
     where = source if line is None else f"{source}:{line}"
-    path = fault.path or "(whole file)"
+    path = show_field(fault.path) or "(whole file)"
     if fault.kind == UNKNOWN_KEY:
         return f"{where}: {path}: unknown key, expected {fault.expected}"
     if fault.kind == MISSING_KEY:

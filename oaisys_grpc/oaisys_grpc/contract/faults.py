@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from oaisys_core import errors
-from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
+from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError, quote
 
 
 class OvertakenError(CancelledError):
@@ -62,6 +62,21 @@ class Fault:
     expected: str = ""
 
 
+@dataclass(frozen=True, repr=False)
+class Excerpt:
+    """What an error shows of a value that is too long to be sent; looks the same in errors.
+
+    Attributes:
+        text: As `quote` returned it.
+    """
+
+    text: str
+
+    def __repr__(self) -> str:
+        """Return the text as it is, so that it is not quoted again on its way."""
+        return self.text
+
+
 def fault_from_error(error: OaisysError) -> Fault:
     """Return the error as data; inverse: `error_from_fault`."""
     reason = next(c.__name__ for c in type(error).__mro__ if c.__name__ in ERROR_TYPES)
@@ -85,14 +100,18 @@ def error_from_fault(fault: Fault) -> OaisysError:
 
 
 def _to_json(value: object) -> str:
+    """Return a value as JSON; where that is impossible, or too long, what an error shows of it."""
+    if isinstance(value, Excerpt):
+        return value.text
     try:
-        return json.dumps(value)
+        text = json.dumps(value)
     except (TypeError, ValueError):
         return json.dumps(repr(value))
+    return text if len(text) <= LONGEST_TEXT else quote(value)
 
 
 def _from_json(text: str) -> Any:
     try:
         return json.loads(text)
     except ValueError:
-        return text
+        return Excerpt(text)

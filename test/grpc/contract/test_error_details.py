@@ -14,7 +14,7 @@ from oaisys_core.errors import (
     QueueFullError,
     WorkerLostError,
 )
-from oaisys_grpc.contract.errors import status_from_error
+from oaisys_grpc.contract.errors import error_from_status, status_from_error
 from oaisys_grpc.contract.faults import OvertakenError
 
 
@@ -58,3 +58,25 @@ def test_what_must_be_done_before_is_a_precondition() -> None:
     (violation,) = detail_of(error, error_details_pb2.PreconditionFailure).violations
     assert violation.type == "NotReadyError"
     assert "no world" in violation.description
+
+
+@pytest.mark.parametrize(
+    "received", ["x" * 3_900_000, [{}] * 50_000, {"kind": "x" * 1000}, 10**300, "/".join("/" * 900)]
+)
+def test_a_long_value_looks_the_same_however_far_its_error_travels(received: Any) -> None:
+    """It was quoted anew by each process, until nothing but backslashes was left of it."""
+    error: OaisysError | None = InvalidInputError("metadata.sensor.motion", received, "a mapping")
+    first = str(error)
+    for _ in range(3):
+        assert error is not None
+        error = error_from_status(status_from_error(error))
+    assert str(error) == first
+
+
+def test_keys_from_outside_neither_command_a_terminal_nor_cut_a_sentence_off() -> None:
+    """ROS ends a text at its first NUL."""
+    for key in ("a\x1b[31m\x00b", "\u202e", "k" * 1_000_000):
+        error = error_from_status(status_from_error(InvalidInputError(f"metadata.{key}", 1, "no")))
+        assert str(error).isprintable()
+        assert len(str(error)) < 300
+        assert str(error).endswith(": received 1, expected no")
