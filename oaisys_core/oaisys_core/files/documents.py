@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import json
 import math
@@ -50,7 +51,14 @@ def read_text(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
         OSError: It cannot be read.
         ValueError: It is no regular file, too large, or not UTF-8.
     """
-    return read_bytes(path, most_bytes).decode("utf-8")
+    data = read_bytes(path, most_bytes)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise DocumentError("it is text in UTF-16, expected UTF-8: save it as that") from None
+        found = f"byte 0x{data[error.start]:02x} at position {error.start}"
+        raise DocumentError(f"it is not text in UTF-8: {found}") from None
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:

@@ -119,6 +119,20 @@ def test_long_numbers_in_json_are_refused() -> None:
         parse_json("1" * 100_000)
 
 
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        ("seed: 4".encode("utf-16"), "in UTF-16, expected UTF-8"),
+        (b"# caf\xe9", "not text in UTF-8: byte 0xe9 at position 5"),
+    ],
+)
+def test_another_encoding_is_named(tmp_path: Path, data: bytes, expected: str) -> None:
+    """It was said in words of Python's decoder."""
+    (tmp_path / "text").write_bytes(data)
+    with pytest.raises(DocumentError, match=expected):
+        read_text(tmp_path / "text")
+
+
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.yaml")
     with pytest.raises(DocumentError, match="regular file"):
