@@ -56,6 +56,7 @@ def refined_views(stage: dict[str, Any], places: list[tuple[float, float]]) -> d
     corners = np.empty(len(shown.loops) * 3, np.float32)
     shown.corner_normals.foreach_get("vector", corners)
     found["corner_normals"] = corners.reshape(-1, 3)
-    if isinstance(ground, DetailedGround):
-        found["normals"] = ground.shading_normals()[ground.triangles().ravel()]
+    normals = ground.shading_normals() if isinstance(ground, DetailedGround) else None
+    if normals is not None:
+        found["normals"] = normals[ground.triangles().ravel()]
     return found
