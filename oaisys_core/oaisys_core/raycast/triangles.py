@@ -288,6 +288,16 @@ class Open3DBvh:
         found = self._scene.cast_rays(o3d.core.Tensor(rays))
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
+    def first_places(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.float32]]:
+        """Return what `first` does, and the (R, 2) weights of each second and third corner."""
+        import open3d as o3d
+
+        rays = np.concatenate((origins, directions), axis=1, dtype=np.float32)
+        found = self._scene.cast_rays(o3d.core.Tensor(rays))
+        return tuple(found[name].numpy() for name in ("t_hit", "primitive_ids", "primitive_uvs"))
+
     def occludes(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
         """See `TriangleBvh.occludes`."""
         import open3d as o3d

@@ -15,7 +15,15 @@ from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import code_version
 from oaisys_core.procedural.textures.fields import normals_from_height
-from oaisys_core.procedural.textures.recipes import earth, frozen, litter, loose, organic, rocks
+from oaisys_core.procedural.textures.recipes import (
+    earth,
+    frozen,
+    grass,
+    litter,
+    loose,
+    moss,
+    rocks,
+)
 from oaisys_core.procedural.textures.recipes.finish import Recipe, TextureMaps
 from oaisys_core.scene import PbrMaps
 
@@ -23,7 +31,8 @@ RECIPES: dict[str, Recipe] = {
     **loose.RECIPES,
     **rocks.RECIPES,
     **earth.RECIPES,
-    **organic.RECIPES,
+    **grass.RECIPES,
+    **moss.RECIPES,
     **litter.RECIPES,
     **frozen.RECIPES,
 }

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import wraps
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.color import LUMINANCE, srgb
+from oaisys_core.color import LUMINANCE, linear, srgb
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import fields
 
@@ -17,6 +18,9 @@ Color = tuple[float, float, float]
 
 PAINTED_PX, BAKED_PX = 1024, 2048
 """Edge length of maps that are painted from noise, and of those that are baked from geometry."""
+
+MOST_AVERAGED_PX = 512
+"""Edge length up to which `from_finer_texels` averages."""
 
 _SRGB_OF_ROOT = srgb(np.square(np.linspace(0, 1, 8192)).astype(np.float32))
 """sRGB values by the square root of linear ones, which are closer together where it is dark."""
@@ -39,6 +43,10 @@ class TextureMaps(NamedTuple):
     stones: NDArray[np.uint32] | None = None
 
 
+Make = Callable[[int, np.random.Generator], TextureMaps]
+"""Function of (size_px, rng) that makes the maps of a set."""
+
+
 class Recipe(NamedTuple):
     """The recipe of a texture set, and its size in the world.
 
@@ -53,7 +61,7 @@ class Recipe(NamedTuple):
         size_px: Edge length of its maps unless another one is asked for.
     """
 
-    make: Callable[[int, np.random.Generator], TextureMaps]
+    make: Make
     tile_m: float
     albedo: tuple[float, float]
     subsurface: float = 0.0
@@ -62,9 +70,35 @@ class Recipe(NamedTuple):
     size_px: int = PAINTED_PX
 
 
-def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float32]:
+def from_finer_texels(make: Make) -> Make:
+    """Return a recipe whose small maps are averages of larger ones.
+
+    Things that are narrower than a texel would be seen or missed by chance.
+    """
+
+    @wraps(make)
+    def made(size_px: int, rng: np.random.Generator) -> TextureMaps:
+        if size_px > MOST_AVERAGED_PX:
+            return make(size_px, rng)
+        fine = make(2 * size_px, rng)
+        color = linear(fine.color).astype(np.float32)
+        return TextureMaps(
+            linear_to_srgb(_halved(color)), _halved(fine.height), _halved(fine.roughness)
+        )
+
+    return made
+
+
+def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    import cv2
+
+    size = (len(image) // 2,) * 2
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def linear_to_srgb(value: ArrayLike) -> NDArray[np.float32]:
     """Return the sRGB values, 0 to 1, of linear ones (IEC 61966-2-1), within 0.1 of a byte."""
-    root = np.sqrt(np.clip(np.asarray(linear, np.float32), 0, 1))
+    root = np.sqrt(np.clip(np.asarray(value, np.float32), 0, 1))
     place = np.rint(root * np.float32(len(_SRGB_OF_ROOT) - 1)).astype(np.uint16)
     return np.asarray(_SRGB_OF_ROOT[place])
 

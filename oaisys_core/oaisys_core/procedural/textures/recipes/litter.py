@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures.baking.bed import Bed, Laying
+from oaisys_core.procedural.textures.baking.blades import Blades, cast_blades, grass_outline
 from oaisys_core.procedural.textures.baking.ground import (
     fine_noises,
     grit,
@@ -17,7 +18,6 @@ from oaisys_core.procedural.textures.baking.ground import (
 from oaisys_core.procedural.textures.baking.leaves import STALK, cast_leaves
 from oaisys_core.procedural.textures.baking.sizes import PowerLaw, RosinRammler
 from oaisys_core.procedural.textures.baking.stamps import cast_rocks
-from oaisys_core.procedural.textures.recipes import strokes
 from oaisys_core.procedural.textures.recipes.finish import (
     Color,
     Recipe,
@@ -29,7 +29,6 @@ from oaisys_core.procedural.textures.recipes.finish import (
     tint,
 )
 from oaisys_core.procedural.textures.recipes.stones import pour
-from oaisys_core.procedural.textures.recipes.strokes import RibbonLayer, Ribbons
 
 TILE_M = 1.6
 
@@ -113,24 +112,21 @@ def _veins(x: Field, y: Field, is_leaf: NDArray[np.bool_]) -> Field:
 def _with_twigs(height: Field, color: NDArray[np.float32], rng: np.random.Generator) -> Field:
     """Return heights with twigs on them, whose colour is put into ``color``."""
     size_px = len(height)
-    layer = RibbonLayer(size_px, 2.0)
-    length = rng.uniform(0.02, 0.15, TWIGS) * size_px
-    layer.lay(
-        Ribbons(
-            root=rng.uniform(0, size_px, (TWIGS, 2)),
-            heading=rng.uniform(-np.pi, np.pi, TWIGS),
-            length=length,
-            width=rng.uniform(0.001, 0.003, TWIGS) * size_px,
-            bend=rng.uniform(-0.15, 0.15, TWIGS),
-            low=np.full(TWIGS, 1.0),
-            rise=np.zeros(TWIGS),
-            outline=strokes.blade,
-            arch=strokes.level,
-        )
+    lying = np.full(TWIGS, np.pi / 2)
+    twigs = Blades(
+        foot=np.column_stack((rng.uniform(0, 1, (TWIGS, 2)), np.zeros(TWIGS))),
+        heading=rng.uniform(-np.pi, np.pi, TWIGS),
+        length=rng.uniform(0.02, 0.15, TWIGS),
+        width=rng.uniform(0.001, 0.003, TWIGS),
+        lean=lying,
+        droop=np.zeros(TWIGS),
+        sway=rng.uniform(-0.5, 0.5, TWIGS),
+        outline=grass_outline,
     )
-    is_twig = layer.ids >= 0
-    bright = np.exp(rng.normal(0, 0.25, TWIGS)).astype(np.float32)[layer.ids]
-    round_ = np.sqrt(np.maximum(1 - np.square(layer.across), 0))
+    view = cast_blades([twigs], size_px)
+    is_twig = view.ids >= 0
+    bright = np.exp(rng.normal(0, 0.25, TWIGS)).astype(np.float32)[view.ids]
+    round_ = np.sqrt(np.maximum(1 - np.square(view.across), 0))
     color[is_twig] = (bright * (0.8 + 0.3 * round_))[is_twig, None] * np.array(TWIG, np.float32)
     on = wide_blur(height, size_px / 250) + np.float32(0.003 / TILE_M) * (0.6 + 0.8 * round_)
     return np.where(is_twig, np.maximum(height, on), height).astype(np.float32)
