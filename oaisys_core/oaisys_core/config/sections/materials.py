@@ -155,7 +155,7 @@ class MaterialsConfig(Section):
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,
-            grass or moss, and 1024 of all others.
+            clay, grass or moss, and 1024 of all others.
         texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
             The environment variable ``OAISYS_CACHE_MB`` limits the cache (default 1024); 0 disables
             it.

@@ -85,19 +85,25 @@ def per_cell(ids: Ids, rng: np.random.Generator) -> Field:
     return rng.standard_normal(int(ids.max()) + 1).astype(np.float32)[ids]
 
 
-def from_centre(ids: Ids) -> tuple[Field, Field]:
+def from_centre(ids: Ids, every: int = 1) -> tuple[Field, Field]:
     """Return (N, N) column and row offsets, in tile edges, of each pixel from its cell's centre.
 
     The centre is a circular mean, so that cells may cross the tile's edges.
+
+    Args:
+        ids: (N, N) cell ids.
+        every: Of so many rows and columns, one is looked at to find the centres.
     """
     size_px = len(ids)
     count = int(ids.max()) + 1
     axis = (np.arange(size_px) + 0.5) / size_px
+    sample = ids[::every, ::every]
+    turns = np.exp(2j * np.pi * axis[::every])
     away: list[Field] = []
-    for place in np.meshgrid(axis, axis):
-        turn = np.exp(2j * np.pi * place.ravel())
-        mean = np.bincount(ids.ravel(), turn.real, count)
-        mean = mean + 1j * np.bincount(ids.ravel(), turn.imag, count)
+    for place, turn in ((axis, turns), (axis[:, None], turns[:, None])):
+        whole = np.broadcast_to(turn, sample.shape)
+        mean = np.bincount(sample.ravel(), whole.real.ravel(), count)
+        mean = mean + 1j * np.bincount(sample.ravel(), whole.imag.ravel(), count)
         centre = np.angle(mean) / (2 * np.pi)
         away.append(((place - centre[ids] + 0.5) % 1.0 - 0.5).astype(np.float32))
     return away[0], away[1]

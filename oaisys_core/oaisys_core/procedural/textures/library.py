@@ -16,6 +16,7 @@ from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import code_version
 from oaisys_core.procedural.textures.fields import normals_from_height
 from oaisys_core.procedural.textures.recipes import (
+    clay,
     earth,
     frozen,
     grass,
@@ -30,6 +31,7 @@ from oaisys_core.scene import PbrMaps
 RECIPES: dict[str, Recipe] = {
     **loose.RECIPES,
     **rocks.RECIPES,
+    **clay.RECIPES,
     **earth.RECIPES,
     **grass.RECIPES,
     **moss.RECIPES,

@@ -1,4 +1,4 @@
-"""Recipes of ground that was wet: cracked clay, mud, salt crust."""
+"""Recipes of ground that was wet: mud, salt crust."""
 
 from __future__ import annotations
 
@@ -17,46 +17,6 @@ from oaisys_core.procedural.textures.recipes.finish import (
     tint,
 )
 from oaisys_core.procedural.textures.recipes.stones import pour
-
-
-def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """A dried-up pond: polygons of clay with curled rims, split again by finer cracks."""
-    first = cells.voronoi(size_px, 8, rng, warp=0.07, jitter=0.42, smooth=2.8)
-    finer = cells.voronoi(size_px, 13, rng, warp=0.07, jitter=0.45, smooth=2.8)
-    second = cells.intersect(first, finer)
-    tile_px = np.float32(1.0 / size_px)
-    old = cells.border_distance(first) * tile_px
-    uneven = fields.tile_noise(size_px, 8, rng, 1.6)
-    young = cells.border_distance(second) * tile_px
-    # Old cracks are wider; crumbled rims make a crack wider.
-    ragged = 0.0007 * fields.tile_noise(size_px, 50, rng, 1.3)
-    gap = np.maximum(
-        smoothstep(0.0018, -0.0010, old - 0.0042 - 0.0012 * uneven - ragged),
-        0.75 * smoothstep(0.0012, -0.0008, young - 0.0014 - 0.0006 * uneven - 0.6 * ragged),
-    )
-    plate = cells.per_cell(second, rng)
-    curl = 0.0030 * np.exp(-young / 0.010) * (1 + 0.35 * cells.per_cell(second, rng))
-    curl += 0.0014 * np.exp(-old / 0.022)
-    silt = fields.tile_noise(size_px, 30, rng, 1.7)
-    grain = fields.grains(size_px, rng, 0.8)
-    height = curl + 0.0006 * plate + 0.012 * cells.facet_heights(second, rng)
-    height += 0.0010 * fields.tile_noise(size_px, 7, rng, 2.0) + 0.00022 * silt + 0.00006 * grain
-    height = height * (1 - gap) - 0.013 * gap
-    hairlines = cells.border_distance(
-        cells.voronoi(size_px, 46, rng, warp=0.10, jitter=0.45, smooth=2.8)
-    )
-    craze = smoothstep(1.2, 0.2, hairlines) * smoothstep(
-        0.6, 1.6, fields.tile_noise(size_px, 5, rng)
-    )
-    tone = (
-        1 + 0.05 * plate + 0.035 * silt + 0.03 * grain + 0.05 * fields.tile_noise(size_px, 3, rng)
-    )
-    tone += 0.06 * np.exp(-young / 0.006) - 0.22 * craze
-    color = tint(tone, (0.335, 0.265, 0.19))
-    color = blend(color, (0.42, 0.36, 0.28), 0.25 * smoothstep(0.2, 1.5, uneven))
-    color = blend(color, (0.15, 0.11, 0.075), 0.85 * gap)
-    height = height - 0.0006 * craze
-    return finish_maps(color, height, 0.9 + 0.02 * grain, albedo=0.255, shade=0.75)
 
 
 def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -112,7 +72,6 @@ def salt_crust(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 RECIPES: dict[str, Recipe] = {
-    "clay_cracks": Recipe(clay_cracks, tile_m=2.4, albedo=(0.2, 0.35), exposure=-0.6),
     "mud": Recipe(mud, tile_m=2.4, albedo=(0.05, 0.12), exposure=-0.8),
     "salt_crust": Recipe(salt_crust, tile_m=4.0, albedo=(0.45, 0.65), exposure=-0.8),
 }
