@@ -13,6 +13,7 @@ from synthetic_worlds import settings
 
 from oaisys_core.render.blender import BlenderBackend, postprocessing
 from oaisys_core.render.blender.cycles import Cycles
+from oaisys_core.render.shading import looks
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, Progress
 
@@ -78,7 +79,10 @@ def _formula(socket: Any, inputs: dict[Any, str]) -> str:
 def albedos(
     cases: Sequence[tuple[Scene, PlacedCamera]], few: int, many: int
 ) -> list[dict[str, Any]]:
-    """The albedo that few and many samples see in each view, and the ground's without noise."""
+    """The albedo that few and many samples see in each view, and the ground's without noise.
+
+    All of them see the textures that pictures of few samples have.
+    """
     backend = BlenderBackend()
     tone_map = Cycles.denoise_and_tonemap
     given: list[Any] = []
@@ -89,7 +93,10 @@ def albedos(
         given.append((rendered.passes[postprocessing.SEEN_ALBEDO], ground))
         return tone_map(cycles, rendered, wanted, denoising, ground, *more)
 
-    with mock.patch.object(Cycles, "denoise_and_tonemap", kept):
+    with (
+        mock.patch.object(Cycles, "denoise_and_tonemap", kept),
+        mock.patch.object(looks, "MANY_SAMPLES", many + 1),
+    ):
         for scene, camera in cases:
             backend.build(scene, ignore)
             for samples in (few, many):

@@ -189,10 +189,10 @@ def _set(owner: Any, **values: float) -> None:
             setattr(owner, name, value)
 
 
-def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
-    """Tell materials the angle that a pixel spans, unless it is similar to the current one."""
+def set_pixel_angle(intrinsics: PinholeIntrinsics, texel_px: float) -> None:
+    """Tell materials the largest texel, see `pixel_angle_rad`, unless it is similar to now."""
     angle = footprint_group().nodes[ANGLE].inputs[1]
-    wanted = pixel_angle_rad(intrinsics)
+    wanted = pixel_angle_rad(intrinsics, texel_px)
     if abs(angle.default_value - wanted) > 1e-6 * wanted:
         angle.default_value = wanted
 

@@ -41,6 +41,7 @@ from oaisys_core.render.blender.time_budget import (
 )
 from oaisys_core.render.geometry_pass import BackgroundGeometry
 from oaisys_core.render.light_images import light_images
+from oaisys_core.render.shading.looks import texel_px
 from oaisys_core.scene import Lens, PlacedCamera, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.render_settings import RenderSettings
@@ -112,7 +113,7 @@ class ColorRenderer:
         pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         rendered = scale_pinhole(pinhole, plan.scale)
-        self._aim(camera, rendered, camera.lens)
+        self._aim(camera, rendered, camera.lens, settings)
         started_s = time.perf_counter()
         with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
             light = self._cycles.render_radiance(settings, plan.sampling_s)
@@ -162,7 +163,7 @@ class ColorRenderer:
         """
         pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
-        self._aim(camera, pinhole, None)
+        self._aim(camera, pinhole, None, settings)
         # Haze and the factor of a photometric law are part of the materials' colours.
         is_plain = scene.sky.haze is None and scene.material.law is None
         if not is_plain:
@@ -187,13 +188,19 @@ class ColorRenderer:
             self._cycles.free_persistent_data()
             raise
 
-    def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
+    def _aim(
+        self,
+        camera: PlacedCamera,
+        pinhole: PinholeIntrinsics,
+        lens: Lens | None,
+        settings: RenderSettings,
+    ) -> None:
         """Make Blender's camera one with such a lens, where ``camera`` stands."""
         place(self._camera, camera.T_map_camera)
         set_intrinsics(self._camera, pinhole)
         set_lens(self._camera, lens)
         # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
-        set_pixel_angle(camera.intrinsics)
+        set_pixel_angle(camera.intrinsics, texel_px(settings.samples))
 
     def _learn(
         self,

@@ -36,6 +36,7 @@ from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.narrow_patches import MOST_SAMPLES, share_albedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
 from oaisys_core.render.blender.time_budget import DenoisingQuality
+from oaisys_core.render.shading.looks import MANY_SAMPLES
 from oaisys_core.sensing.render_settings import RenderSettings
 
 Image = NDArray[np.float32]
@@ -51,12 +52,13 @@ SHARE = 0.065
 """Weight of each neighbour in the convolution: the two steps together are then as wide as Cycles'
 own filter."""
 
-NOISY_SHARE = 0.095
+NOISY_SHARE = 0.05
 """The same weight for a single sample per pixel."""
 
-SMEARED, FEW_SAMPLES = (0.005, 0.04), 8
-"""By how much the weight is less on open ground and in views full of plants, because denoising has
-smeared their finest detail, and up to how many samples per pixel; of more, it smears less."""
+SMEARED_OF_FEW, SMEARED = (0.015, 0.04), (0.005, 0.04)
+"""By how much the weight is less on open ground and in views full of plants, because denoising and
+interpolation of texels (`TEXEL_PX`) have smeared their finest detail: with fewer samples per pixel
+than `MANY_SAMPLES`, and with so many. Of still more, denoising smears less."""
 
 NORMAL_SHARE = 0.08
 """The same weight for the normals that guide the denoiser."""
@@ -317,8 +319,8 @@ def filter_denoised(
     """
     if samples <= 1:
         return _convolve(radiance, NOISY_SHARE)
-    open_ground, plants = SMEARED
-    less = (open_ground + clutter * (plants - open_ground)) * min(1.0, FEW_SAMPLES / samples)
+    open_ground, plants = SMEARED if samples >= MANY_SAMPLES else SMEARED_OF_FEW
+    less = (open_ground + clutter * (plants - open_ground)) * min(1.0, MANY_SAMPLES / samples)
     return _convolve(radiance, SHARE - less)
 
 

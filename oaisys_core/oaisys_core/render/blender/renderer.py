@@ -31,7 +31,7 @@ from oaisys_core.render.geometry_pass import (
     frames_of,
 )
 from oaisys_core.render.lidar import LidarCaster
-from oaisys_core.render.shading.looks import pixel_angle_rad
+from oaisys_core.render.shading.looks import pixel_angle_rad, texel_px
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
@@ -191,7 +191,7 @@ class BlenderBackend(Backend):
         views: dict[str, View] = {}
         with BackgroundGeometry(partial(self._geometry, cameras, views=views)) as geometry:
             ground = {
-                camera.name: geometry.then(partial(self._ground_albedo, camera, views))
+                camera.name: geometry.then(partial(self._ground_albedo, camera, chosen, views))
                 for camera, modalities, chosen in colors
                 if LIT.intersection(modalities) and self._has_use_of_albedo(camera, chosen)
             }
@@ -293,11 +293,13 @@ class BlenderBackend(Backend):
         is_noisy = settings.denoise and least <= settings.samples <= most
         return camera.is_sharp and is_direct and is_noisy and self.device == "cpu"
 
-    def _ground_albedo(self, camera: PlacedCamera, views: dict[str, View]) -> PixelAlbedo | None:
+    def _ground_albedo(
+        self, camera: PlacedCamera, settings: RenderSettings, views: dict[str, View]
+    ) -> PixelAlbedo | None:
         """Return the ground's albedo without noise; nothing of Blender's is touched."""
         surface = self._require_built()
         view = views.get(camera.name) or surface.view(camera)
-        pixel_rad = pixel_angle_rad(camera.intrinsics)
+        pixel_rad = pixel_angle_rad(camera.intrinsics, texel_px(settings.samples))
         ground_albedo = self._scene_geometry.ground_albedo
         return ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
 

@@ -15,8 +15,15 @@ from oaisys_core.types import PinholeIntrinsics
 STEPS = 4
 """Steps per octave that angles of pixels are rounded to, so that similar cameras change nothing."""
 
-PIXELS = 2.0
-"""Pixels per footprint, so that a texel is one to two pixels large (Nyquist)."""
+DRAFT_TEXEL_PX = 2.0
+"""Largest texel in pixels where a pixel is looked up once, as in `draft`: at Nyquist's limit."""
+
+TEXEL_PX = 1.0
+"""Largest texel in pixels in pictures of few samples. Interpolation smears larger ones."""
+
+FINE_TEXEL_PX, MANY_SAMPLES = 0.5, 8
+"""The same in pictures of at least so many samples per pixel, which lack no detail up to Nyquist's
+limit."""
 
 LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
 """Texture lookups of each kind of tiling."""
@@ -112,11 +119,21 @@ def cliff_tiling() -> VoronoiTiling:
     return voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
 
 
-def pixel_angle_rad(intrinsics: PinholeIntrinsics) -> float:
-    """Return the angle by which materials choose levels of detail, see `PIXELS` and `STEPS`."""
+def texel_px(samples: int) -> float:
+    """Return the largest texel, in pixels, of a picture with so many samples per pixel."""
+    return FINE_TEXEL_PX if samples >= MANY_SAMPLES else TEXEL_PX
+
+
+def pixel_angle_rad(intrinsics: PinholeIntrinsics, texel_px: float = DRAFT_TEXEL_PX) -> float:
+    """Return the angle of the largest texel, by which materials choose levels of detail.
+
+    Args:
+        intrinsics: The camera's.
+        texel_px: Largest texel in pixels. A texel is half as large or larger, but for `STEPS`.
+    """
     angle_rad = 1 / max(intrinsics.fx_px, intrinsics.fy_px)
     octaves = floor(STEPS * log2(angle_rad) + 1e-6) / STEPS
-    return PIXELS * float(2.0**octaves)
+    return texel_px * float(2.0**octaves)
 
 
 def varies(material: TerrainMaterial) -> bool:

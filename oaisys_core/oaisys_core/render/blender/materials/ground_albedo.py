@@ -44,8 +44,9 @@ from oaisys_core.types import FloatArray
 
 Image = NDArray[np.float32]
 
-ROWS_BESIDE = (-0.25, 0.0, 0.25)
-"""Places in a pixel, in rows, that are averaged: seen at a slant, texels are flat, not narrow."""
+POINTS = ((-0.25, 0.083), (-0.083, -0.25), (0.083, 0.25), (0.25, -0.083))
+"""Rows and columns of the points of a pixel that are averaged. No two share a row or a column, and
+they are spread as widely as the samples of Cycles (`SAMPLED_WIDTH_PX`)."""
 
 MAX_STEP = 1.2
 """Largest ratio of the distances of neighbouring pixels that see the same part of the ground."""
@@ -164,7 +165,7 @@ class GroundAlbedo:
     def _mix(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
         """Return the (H, W, 3) colour of all layers where the level of detail is known."""
         color = np.zeros((*level.shape, 3), np.float32)
-        step_m = np.gradient(xy_m, axis=0)
+        row_m, column_m = np.gradient(xy_m, axis=(0, 1))
         for each in range(len(self._footprints_m)):
             pixels = level == each
             seen = np.flatnonzero(pixels.any(axis=1))
@@ -174,9 +175,10 @@ class GroundAlbedo:
             of_rows = [weight[rows] for weight in weights]
             present = [bool((pixels[rows] & (each > NEGLIGIBLE)).any()) for each in of_rows]
             mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
-            for beside in ROWS_BESIDE:
-                mixed += self._color(each, xy_m[rows] + beside * step_m[rows], of_rows, present)
-            mixed *= pixels[rows, :, None] / np.float32(len(ROWS_BESIDE))
+            for down, right in POINTS:
+                point_m = xy_m[rows] + down * row_m[rows] + right * column_m[rows]
+                mixed += self._color(each, point_m, of_rows, present)
+            mixed *= pixels[rows, :, None] / np.float32(len(POINTS))
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
         if self._macro is not None:
             share = _texture(self._macro, xy_m / self._macro_period_m)
