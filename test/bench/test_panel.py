@@ -249,6 +249,8 @@ def test_the_panels_goals_are_over_its_worlds_without_the_six_views() -> None:
     least, most = (found[f"panel_all_standard_top_octave_{end}"] for end in ("least", "most"))
     assert (least.median, least.is_met, least.note) == (0.95, True, "the world demo")
     assert (most.median, most.is_met, most.note) == (1.2, False, "the world stage_canyon")
+    assert found["panel_all_preview_top_octave_least"].is_met
+    assert found["panel_all_preview_top_octave_most"].is_met is False
     assert found["panel_stage_canyon_preview_to_demo"].median == pytest.approx(1.3)
     assert not found["panel_stage_canyon_preview_to_demo"].is_met
     assert "panel_assets_vegetation_preview_to_demo" not in found

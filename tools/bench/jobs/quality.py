@@ -8,6 +8,7 @@ from oaisys_core.config import config_sha256
 from oaisys_core.types import RGB
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.references import (
+    KEY_SAMPLES,
     Image,
     ReferenceImage,
     ReferenceImages,
@@ -62,7 +63,7 @@ def reference_image(
 ) -> ReferenceImage:
     """Return the converged image of a view, from an earlier run if nothing has changed since.
 
-    The image at one sample per pixel is part of the key, because any change of materials, shaders,
+    The image at few samples per pixel is part of the key, because any change of materials, shaders,
     light or colour management changes it.
 
     Args:
@@ -78,7 +79,7 @@ def reference_image(
         seconds, sample = observer.view(view, quality, [RGB])
         return seconds, sample.frames[0].data
 
-    _, noisy = render(1)
+    _, noisy = render(KEY_SAMPLES)
     key = {
         **facts,
         "pose": [*view.pose.position_m, *view.pose.quat_xyzw],
@@ -86,7 +87,7 @@ def reference_image(
         "render": dict(view.render),
         "size": [settings.width_px, settings.height_px],
         "samples": samples,
-        "one_sample": sha256(noisy),
+        "few_samples": sha256(noisy),
     }
     folder = settings.out / "references"
     return ReferenceImages(folder).get(view.name, key, lambda: render(samples))
