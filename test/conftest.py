@@ -7,7 +7,8 @@ import os
 import signal
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from pathlib import Path
 
 import hypothesis
 import psutil
@@ -21,6 +22,21 @@ from oaisys_core.system import fallbacks
 
 LONGEST_ID = 60
 """Characters of a parameter that a test's name shows."""
+
+SELECTED_MARKS = {"long", "soak"}
+"""Marks whose tests have a target of their own, and which each file names that has such a test."""
+
+TESTS = Path(__file__).parent
+LONGEST_FILES = (
+    "core/config/test_examples.py",
+    "ros_bridge/experiments/test_survey.py",
+    "system/test_examples_run.py",
+    "system/test_notebooks.py",
+    "system/test_wheels.py",
+    "system/test_setup_interfaces.py",
+    "system/test_docs_site.py",
+)
+"""Files whose tests take far longer than others, the longest first."""
 
 SLOW_MARKS = {"blender", "long", "ros", "system"}
 SLOW_FIXTURES = {"start_server", "flat_server", "leaks", "no_process_left"}
@@ -61,14 +77,38 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-@pytest.hookimpl(trylast=True)  # after tests were deselected
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file without the mark that is asked for: two of three files have no long test."""
+    mark = config.option.markexpr
+    is_test = collection_path.match("test_*.py") and mark in SELECTED_MARKS
+    return True if is_test and f"mark.{mark}" not in collection_path.read_text("utf-8") else None
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> Generator[None]:
     """Begin with the files that take longest: the last one must not keep one worker alone busy.
 
     Holds where files go to workers in the order in which they were collected.
     """
+    _require_named_marks(items)
+    if gone := [name for name in LONGEST_FILES if not (TESTS / name).is_file()]:
+        raise pytest.UsageError(f"LONGEST_FILES: received {gone}, expected files in {TESTS}")
+    yield  # tests are deselected
     slow_tests = Counter(item.path for item in items if _is_slow(item))
-    items.sort(key=lambda item: -slow_tests[item.path])
+    place = {TESTS / name: number for number, name in enumerate(LONGEST_FILES)}
+    items.sort(key=lambda item: (place.get(item.path, len(place)), -slow_tests[item.path]))
+
+
+def _require_named_marks(items: list[pytest.Item]) -> None:
+    """Fail where a file's text does not name a mark of its tests: it would be run by nobody."""
+    marked = {(i.path, mark.name) for i in items for mark in i.iter_markers() if _is_selected(mark)}
+    for path, name in sorted(marked):
+        if f"mark.{name}" not in path.read_text("utf-8"):
+            raise pytest.UsageError(f"{path}: received a test marked {name}, expected mark.{name}")
+
+
+def _is_selected(mark: pytest.Mark) -> bool:
+    return mark.name in SELECTED_MARKS
 
 
 def _is_slow(item: pytest.Item) -> bool:
