@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery pictures site-pictures wheels bench test test-full soak bench-test fuzz lint format schema licences contract docs docs-serve clean
+.PHONY: help setup demo gallery pictures site-pictures wheels bench test test-full soak bench-test fuzz lint lint-types lint-style lint-layers lint-contract format schema licences contract docs docs-serve clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -25,10 +25,8 @@ FUZZ_SECONDS ?= 60
 STARTED_S := $(shell date +%s.%N)
 
 IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
-# Tests are checked, but need not annotate everything.
-TEST_TYPES := --allow-untyped-defs --allow-incomplete-defs --allow-any-generics --allow-untyped-calls \
-	--allow-subclassing-any --allow-untyped-decorators --no-warn-return-any --no-strict-equality
-TYPED := oaisys_core oaisys_dataset oaisys_grpc oaisys_gym oaisys_mapping oaisys_ros_bridge
+# Folders: mypy takes no packages beside them, and the helpers of the tests are no package.
+TYPED := $(foreach name,core dataset grpc gym mapping ros_bridge,oaisys_$(name)/oaisys_$(name)) tools test
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -70,11 +68,19 @@ fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
 	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/server/test_fuzz.py
 
 lint: setup ## Check style, formatting, the layers, types and the gRPC contract
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint-types lint-style lint-layers lint-contract
+
+lint-types:
+	@$(IN_ENV) mypy $(TYPED)
+
+lint-style:
 	@$(IN_ENV) ruff check .
 	@$(IN_ENV) ruff format --check .
+
+lint-layers:
 	@$(IN_ENV) lint-imports --no-logo
-	@$(IN_ENV) mypy $(foreach package,$(TYPED),-p $(package)) -p tools
-	@$(IN_ENV) mypy $(TEST_TYPES) test
+
+lint-contract:
 	@tools/buf.sh '$(abspath $(VENV))/buf'
 
 format: setup ## Rewrite the code in the project's format

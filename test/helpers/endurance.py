@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ AROUND = [
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
-def config(backend: str) -> dict:
+def config(backend: str) -> dict[str, Any]:
     """A world in which everything changes from sample to sample."""
     return {
         "backend": backend,

@@ -29,4 +29,4 @@ def speckle_share(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> f
 def _from_median(picture: NDArray[np.uint8]) -> NDArray[Any]:
     """Return (H, W) by how much a pixel's brightness differs from the median of 3 x 3 pixels."""
     brightness = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    return np.abs(brightness - cv2.medianBlur(brightness, 3))
+    return np.asarray(np.abs(brightness - cv2.medianBlur(brightness, 3)))

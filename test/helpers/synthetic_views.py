@@ -35,7 +35,7 @@ def sphere_depth_m(T: FloatArray, radius_m: float) -> NDArray[np.float32]:
     discriminant = b**2 - a * (T[:3, 3] @ T[:3, 3] - radius_m**2)
     with np.errstate(invalid="ignore"):
         depth_m = (-b - np.sqrt(discriminant)) / a
-    return np.nan_to_num(depth_m, nan=np.inf).astype(np.float32)
+    return np.asarray(np.nan_to_num(depth_m, nan=np.inf), np.float32)
 
 
 def flight(count: int, spacing_m: float = 4.0) -> list[FloatArray]:

@@ -212,9 +212,9 @@ class _View:
             clear = np.exp(-np.outer(range_m.ravel(), sky.haze.extinction_per_m))
             lit &= (clear.max(axis=1) > LEAST_CONTRAST).reshape(lit.shape)
         # Borders of shadows, and where light grazes, are not judged.
-        return cv2.erode(lit.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & (
-            environment["sun_elevation_deg"] >= LOWEST_SUN_DEG
-        )
+        is_high = environment["sun_elevation_deg"] >= LOWEST_SUN_DEG
+        narrowed = cv2.erode(lit.astype(np.uint8), np.ones((5, 5), np.uint8))
+        return np.asarray(narrowed.astype(bool) & is_high, bool)
 
     @property
     def _is_fisheye(self) -> bool:
@@ -239,4 +239,5 @@ class _View:
         edge |= bend > MAX_BEND * cv2.dilate(inverse, kernel)
         is_blurred = {"lens", "shutter_share", "exposure_s"} & self.camera.keys()
         width = 9 if is_blurred else 3
-        return cv2.dilate(edge.astype(np.uint8), np.ones((width, width), np.uint8)).astype(bool)
+        widened = cv2.dilate(edge.astype(np.uint8), np.ones((width, width), np.uint8))
+        return np.asarray(widened, bool)
