@@ -30,6 +30,7 @@ TESTS = Path(__file__).parent
 LONGEST_FILES = (
     "core/config/test_examples.py",
     "ros_bridge/experiments/test_survey.py",
+    "ros_bridge/experiments/test_explore.py",
     "system/test_examples_run.py",
     "system/test_notebooks.py",
     "system/test_wheels.py",
