@@ -13,6 +13,8 @@ from oaisys_core.simulation import Simulation
 
 MAX_GRID_PX = 129
 MAX_ROCKS = 15
+MAX_THINGS = 3000
+"""Of a group: those of `assets_pebbles` are in view, of which there are 100,000 without it."""
 MAX_VARIANTS = 2
 
 
@@ -22,7 +24,7 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
-    """Return the configuration, small: ground, number of rocks, images and samples per pixel."""
+    """Return the configuration, small: ground, rocks and groups, images and samples per pixel."""
     data = adjust(config, size="48x36", quality="preview").model_dump()
     data["stage"]["resolution_px"] = min(config.stage.resolution_px, MAX_GRID_PX)
     data["materials"]["texture_size_px"] = 64
@@ -30,6 +32,10 @@ def small(config: SimulationConfig) -> SimulationConfig:
     for rocks in data["assets"]["rocks"]:
         rocks["count"] = [min(count, MAX_ROCKS) for count in rocks["count"]]
         rocks["variants"] = min(rocks["variants"], MAX_VARIANTS)
+    for group in data["assets"]["groups"]:
+        group["count"] = [min(count, MAX_THINGS) for count in group["count"]]
+        if group["shape"] is not None:
+            group["variants"] = min(group["variants"] or MAX_VARIANTS, MAX_VARIANTS)
     return SimulationConfig.model_validate(data)
 
 
