@@ -164,6 +164,9 @@ EXPLORE = {
     "node_silence": Argument(
         "60.0", "A node is done once it has commanded no view for so long, seconds."
     ),
+    "plan_timeout": Argument(
+        "120.0", "How long a planner of another package may take for a pose, seconds."
+    ),
     "compare": Argument(
         "false", "Whether all other planners explore the same worlds, too.", SWITCH
     ),

@@ -16,9 +16,9 @@ from oaisys_core.procedural.environment.clouds.depths import Depths
 from oaisys_core.procedural.environment.clouds.field import FORMS, GRID, SLABS, CloudField
 from oaisys_core.procedural.environment.clouds.scattering import (
     diffuse_share,
+    in_scattering,
     order_phases,
     phase,
-    scattered,
 )
 from oaisys_core.procedural.environment.clouds.tile import Tile
 from oaisys_core.scene.sky import CloudKind, Clouds
@@ -73,9 +73,9 @@ def test_a_thick_cloud_that_faces_the_sun_is_as_bright_as_white_ground() -> None
         phases = np.broadcast_to(order_phases(np.array([cosine], np.float32)), (8, len(depth)))
         # The observer looks in where the sun shines in.
         held = np.exp(-edges[:-1]) - np.exp(-edges[1:])
-        reflected = pi * float((scattered(depth, phases) * held).sum())
+        reflected = pi * float((in_scattering(depth, phases) * held).sum())
         assert 0.65 < reflected < 0.85
-        behind = pi * float(scattered(np.array([40], np.float32), phases[:, :1])[0])
+        behind = pi * float(in_scattering(np.array([40], np.float32), phases[:, :1])[0])
         assert 0.1 < behind < 0.25
     assert diffuse_share(np.array([0, 40], np.float32)) == pytest.approx([1, 1 / 5.5], rel=1e-6)
 

@@ -32,15 +32,15 @@ def billows() -> Field:
     for cells, weight in zip(CELLS, WEIGHTS, strict=True):
         rng = randomness.stream(SEED, "billows", cells)
         total -= np.float32(weight) * nearest(cells * LEVELS // PERIOD, cells, PERIOD, rng)
-    return standardised(total)
+    return standardise(total)
 
 
 def lobes_in_plane(cells: int, period: int, rng: np.random.Generator) -> Field:
     """Return (period, period) lobes of one octave, with a mean of 0 and a deviation of 1."""
-    return standardised(-nearest(0, cells, period, rng)[0])
+    return standardise(-nearest(0, cells, period, rng)[0])
 
 
-def standardised(field: Field) -> Field:
+def standardise(field: Field) -> Field:
     """Return a field with a mean of 0 and a standard deviation of 1."""
     mean, deviation = field.mean(dtype=np.float64), field.std(dtype=np.float64)
     return (field - np.float32(mean)) * np.float32(1 / deviation)

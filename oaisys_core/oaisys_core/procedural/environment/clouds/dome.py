@@ -19,8 +19,8 @@ from oaisys_core.procedural.environment.clouds.depths import Depths
 from oaisys_core.procedural.environment.clouds.field import SLABS, CloudField, Slab
 from oaisys_core.procedural.environment.clouds.scattering import (
     diffuse_share,
+    in_scattering,
     order_phases,
-    scattered,
 )
 from oaisys_core.procedural.environment.clouds.tile import LINE, Tile
 from oaisys_core.procedural.environment.light import PLAIN_ALBEDO, sky_irradiance_w_m2, sun_color
@@ -248,7 +248,7 @@ class _March:
         # What a slab scatters over its way, weakened by the slab itself.
         held = (1 - passed) * clear
         lights = self.lights[:, rays] * passed
-        lights[0] += held * scattered(to_sun, self._phases[:, rays])
+        lights[0] += held * in_scattering(to_sun, self._phases[:, rays])
         lights[1] += held * (np.float32(0.5) * diffuse_share(above))
         lights[2] += held * (np.float32(0.5) * diffuse_share(below))
         # The air before clouds is as bright as the sky there.

@@ -19,7 +19,7 @@ from oaisys_core.procedural.environment.clouds.billows import (
     PERIOD,
     billows,
     lobes_in_plane,
-    standardised,
+    standardise,
 )
 from oaisys_core.procedural.environment.clouds.tile import Tile
 from oaisys_core.procedural.terrain.noise import Field, spectral
@@ -198,4 +198,4 @@ def _potential(seed: int, form: Form) -> Field:
     total = np.zeros((GRID, GRID), np.float32)
     for part, weight in zip(parts, form.cells, strict=True):
         total += part * np.float32(weight)
-    return standardised(total)
+    return standardise(total)

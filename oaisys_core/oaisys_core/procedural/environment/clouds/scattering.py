@@ -56,7 +56,7 @@ def order_phases(cosines: Field) -> Field:
     return found
 
 
-def scattered(depth: Field, phases: Field) -> Field:
+def in_scattering(depth: Field, phases: Field) -> Field:
     """Return the (N,) radiance per unit of extinction and way, of sunlight of 1 W/m² outside.
 
     Args:

@@ -73,7 +73,7 @@ def grass_outline(along: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(1 - along**3))
 
 
-def pointed_outline(along: FloatArray) -> FloatArray:
+def taper_outline(along: FloatArray) -> FloatArray:
     """Return the outline of a leaf that narrows evenly from its foot to its tip."""
     return 1 - along
 

@@ -13,7 +13,7 @@ from oaisys_core.procedural.textures.baking.blades import (
     Blades,
     blades_as_one,
     cast_blades,
-    pointed_outline,
+    taper_outline,
     texels_at,
 )
 from oaisys_core.procedural.textures.baking.ground import (
@@ -129,7 +129,7 @@ def _stars(ground: Field, density: Field, age: Field, rng: np.random.Generator) 
         lean=rng.uniform(0.9, 1.4, heading.size),
         droop=np.zeros(heading.size),
         sway=np.zeros(heading.size),
-        outline=pointed_outline,
+        outline=taper_outline,
         segments=1,
     )
     return Shoots(blades, np.repeat(_tones(HAIR_CAP, age[texel], rng), STAR_LEAVES, axis=0))
@@ -158,7 +158,7 @@ def _fronds(ground: Field, density: Field, age: Field, rng: np.random.Generator)
         lean=rng.uniform(1.35, 1.65, way.size),
         droop=np.full(way.size, 0.25),
         sway=rng.normal(0, 0.2, way.size),
-        outline=pointed_outline,
+        outline=taper_outline,
         segments=1,
     )
     return Shoots(blades, np.repeat(_tones(FEATHER, age[texel], rng), BRANCHES, axis=0))

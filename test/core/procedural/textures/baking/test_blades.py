@@ -96,7 +96,7 @@ def test_a_drooping_one_bends_over() -> None:
 
 @pytest.mark.parametrize(
     "outline",
-    [shapes.grass_outline, shapes.leaf_outline, shapes.leaflet_outline, shapes.pointed_outline],
+    [shapes.grass_outline, shapes.leaf_outline, shapes.leaflet_outline, shapes.taper_outline],
 )
 def test_outlines_are_as_wide_as_said_and_end_in_a_tip(outline: shapes.Outline) -> None:
     half = outline(np.linspace(0, 1, 501))
