@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from repository import REPOSITORY
 
-from oaisys_core.render.shading.looks import FINE_TEXEL_PX, texel_px
 from oaisys_core.system.python_programs import python_command
 from tools.bench.child import JobError, run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
 from tools.bench.plots import plot_growth, plot_quality
 from tools.bench.referees.module_process import run_module
-from tools.bench.references import KEY_SAMPLES, ReferenceImages, psnr_db, sha256, ssim
+from tools.bench.references import ReferenceImages, psnr_db, sha256, ssim
 from tools.bench.report import cells, markdown, round_digits, write_results
 from tools.bench.settings import Settings
 from tools.bench.topics import growth, quality
@@ -114,10 +113,6 @@ def test_references_are_reused_for_the_same_key_alone(tmp_path: Path) -> None:
         facts.unlink()
     assert not references.get("nadir", key, render).is_reused
     assert sha256(picture) != sha256(picture[::-1])
-
-
-def test_references_are_found_by_pictures_with_the_same_textures() -> None:
-    assert texel_px(KEY_SAMPLES) == texel_px(512) == FINE_TEXEL_PX
 
 
 def test_rocks_twice_as_many_are_compared_turn_by_turn() -> None:

@@ -18,8 +18,7 @@ from tools.bench.figures import write_json
 Image = NDArray[np.uint8]
 
 KEY_SAMPLES = 8
-"""Samples per pixel of the picture by which references are found again, whose textures are as fine
-as those of a reference."""
+"""Samples per pixel of the picture by which references are found again."""
 
 WHITE = 255.0
 TOP_OCTAVE = (0.25, 0.5)

@@ -13,7 +13,6 @@ from synthetic_worlds import settings
 
 from oaisys_core.render.blender import BlenderBackend, postprocessing
 from oaisys_core.render.blender.cycles import Cycles
-from oaisys_core.render.shading import looks
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, Progress
 
@@ -93,10 +92,7 @@ def albedos(
         given.append((rendered.passes[postprocessing.SEEN_ALBEDO], ground))
         return tone_map(cycles, rendered, wanted, denoising, ground, *more)
 
-    with (
-        mock.patch.object(Cycles, "denoise_and_tonemap", kept),
-        mock.patch.object(looks, "MANY_SAMPLES", many + 1),
-    ):
+    with mock.patch.object(Cycles, "denoise_and_tonemap", kept):
         for scene, camera in cases:
             backend.build(scene, ignore)
             for samples in (few, many):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_OPTICAL_BLENDER, pixel_rays
 from oaisys_core.render.blender.fisheye import Pixel, fisheye_image, fisheye_to_render, set_fisheye
-from oaisys_core.render.shading.looks import pixel_angle_rad
+from oaisys_core.render.shading.looks import TEXEL_PX, pixel_angle_rad
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
@@ -189,10 +189,10 @@ def _set(owner: Any, **values: float) -> None:
             setattr(owner, name, value)
 
 
-def set_pixel_angle(intrinsics: PinholeIntrinsics, texel_px: float) -> None:
+def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
     """Tell materials the largest texel, see `pixel_angle_rad`, unless it is similar to now."""
     angle = footprint_group().nodes[ANGLE].inputs[1]
-    wanted = pixel_angle_rad(intrinsics, texel_px)
+    wanted = pixel_angle_rad(intrinsics, TEXEL_PX)
     if abs(angle.default_value - wanted) > 1e-6 * wanted:
         angle.default_value = wanted
 

@@ -41,7 +41,6 @@ from oaisys_core.render.blender.time_budget import (
 )
 from oaisys_core.render.geometry_pass import BackgroundGeometry
 from oaisys_core.render.light_images import light_images
-from oaisys_core.render.shading.looks import texel_px
 from oaisys_core.scene import Lens, PlacedCamera, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.render_settings import RenderSettings
@@ -200,7 +199,7 @@ class ColorRenderer:
         set_intrinsics(self._camera, pinhole)
         set_lens(self._camera, lens)
         # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
-        set_pixel_angle(camera.intrinsics, texel_px(settings.samples))
+        set_pixel_angle(camera.intrinsics)
 
     def _learn(
         self,

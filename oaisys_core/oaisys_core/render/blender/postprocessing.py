@@ -36,7 +36,6 @@ from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.narrow_patches import MOST_SAMPLES, share_albedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
 from oaisys_core.render.blender.time_budget import DenoisingQuality
-from oaisys_core.render.shading.looks import MANY_SAMPLES
 from oaisys_core.sensing.render_settings import RenderSettings
 
 Image = NDArray[np.float32]
@@ -52,8 +51,11 @@ SHARE = 0.065
 """Weight of each neighbour in the convolution: the two steps together are then as wide as Cycles'
 own filter."""
 
-NOISY_SHARE = 0.05
+NOISY_SHARE = 0.08
 """The same weight for a single sample per pixel."""
+
+MANY_SAMPLES = 8
+"""Samples per pixel from which on denoising and interpolation smear less."""
 
 SMEARED_OF_FEW, SMEARED = (0.015, 0.04), (0.005, 0.04)
 """By how much the weight is less on open ground and in views full of plants, because denoising and

@@ -31,7 +31,7 @@ from oaisys_core.render.geometry_pass import (
     frames_of,
 )
 from oaisys_core.render.lidar import LidarCaster
-from oaisys_core.render.shading.looks import pixel_angle_rad, texel_px
+from oaisys_core.render.shading.looks import TEXEL_PX, pixel_angle_rad
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import CaptureId
 from oaisys_core.sensing.render_settings import RenderSettings
@@ -299,7 +299,7 @@ class BlenderBackend(Backend):
         """Return the ground's albedo without noise; nothing of Blender's is touched."""
         surface = self._require_built()
         view = views.get(camera.name) or surface.view(camera)
-        pixel_rad = pixel_angle_rad(camera.intrinsics, texel_px(settings.samples))
+        pixel_rad = pixel_angle_rad(camera.intrinsics, TEXEL_PX)
         ground_albedo = self._scene_geometry.ground_albedo
         return ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
 

@@ -19,11 +19,8 @@ DRAFT_TEXEL_PX = 2.0
 """Largest texel in pixels where a pixel is looked up once, as in `draft`: at Nyquist's limit."""
 
 TEXEL_PX = 1.0
-"""Largest texel in pixels in pictures of few samples. Interpolation smears larger ones."""
-
-FINE_TEXEL_PX, MANY_SAMPLES = 0.5, 8
-"""The same in pictures of at least so many samples per pixel, which lack no detail up to Nyquist's
-limit."""
+"""Largest texel in pixels where Cycles renders. Interpolation smears larger ones; with half of it,
+the octaves up to Nyquist's limit have the same energy within a percent."""
 
 LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
 """Texture lookups of each kind of tiling."""
@@ -117,11 +114,6 @@ def cliff_tiling() -> VoronoiTiling:
     It is used if layers ask for no tiling and are at most `MAX_TURNED_LAYERS`.
     """
     return voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
-
-
-def texel_px(samples: int) -> float:
-    """Return the largest texel, in pixels, of a picture with so many samples per pixel."""
-    return FINE_TEXEL_PX if samples >= MANY_SAMPLES else TEXEL_PX
 
 
 def pixel_angle_rad(intrinsics: PinholeIntrinsics, texel_px: float = DRAFT_TEXEL_PX) -> float:
