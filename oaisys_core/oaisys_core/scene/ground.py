@@ -75,6 +75,12 @@ class HeightField(ShortRepr):
         vertices[..., 2] = self.elevation_m
         return vertices.reshape(-1, 3)
 
+    def slopes(self) -> NDArray[np.float32]:
+        """Return (rows, columns, 2) float32 slopes along x and y at the points, by those beside."""
+        elevation_m = self.elevation_m.astype(np.float32, copy=False)
+        along_y, along_x = np.gradient(elevation_m, np.float32(self.spacing_m))
+        return np.stack((along_x, along_y), axis=-1)
+
     def triangles(self) -> NDArray[np.int32]:
         """Return (2 * (rows - 1) * (cols - 1), 3) int32 indices, counter-clockwise from above.
 

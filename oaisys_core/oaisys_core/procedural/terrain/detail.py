@@ -259,7 +259,7 @@ def _lowered(ground: HeightField, shown: LayerRelief, patch: Patch) -> HeightFie
 
 def grid_normals(ground: HeightField) -> NDArray[np.float32]:
     """Return the (rows, columns, 3) unit normals of a grid's points, from those beside them."""
-    along_y, along_x = np.gradient(ground.elevation_m, np.float32(ground.spacing_m))
+    along_x, along_y = np.moveaxis(ground.slopes(), -1, 0)
     upward = 1 / np.sqrt(1 + along_x**2 + along_y**2)
     normals = np.stack((-along_x * upward, -along_y * upward, upward), axis=-1)
     return np.asarray(normals, np.float32)

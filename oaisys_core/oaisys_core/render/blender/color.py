@@ -112,7 +112,7 @@ class ColorRenderer:
         pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         rendered = scale_pinhole(pinhole, plan.scale)
-        self._aim(camera, rendered, camera.lens, settings)
+        self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
         with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
             light = self._cycles.render_radiance(settings, plan.sampling_s)
@@ -162,7 +162,7 @@ class ColorRenderer:
         """
         pinhole = pinhole_to_render(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
-        self._aim(camera, pinhole, None, settings)
+        self._aim(camera, pinhole, None)
         # Haze and the factor of a photometric law are part of the materials' colours.
         is_plain = scene.sky.haze is None and scene.material.law is None
         if not is_plain:
@@ -187,13 +187,7 @@ class ColorRenderer:
             self._cycles.free_persistent_data()
             raise
 
-    def _aim(
-        self,
-        camera: PlacedCamera,
-        pinhole: PinholeIntrinsics,
-        lens: Lens | None,
-        settings: RenderSettings,
-    ) -> None:
+    def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
         """Make Blender's camera one with such a lens, where ``camera`` stands."""
         place(self._camera, camera.T_map_camera)
         set_intrinsics(self._camera, pinhole)

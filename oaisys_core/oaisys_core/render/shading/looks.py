@@ -107,7 +107,6 @@ WET_DARKENING = 0.45
 
 
 @cache
-@cache
 def cliff_tiling() -> VoronoiTiling:
     """Return how textures are laid onto cliffs, which show many tiles at once.
 

@@ -105,9 +105,7 @@ class SlopeGrid:
 
     def __init__(self, ground: HeightField) -> None:
         self.ground = ground
-        elevation_m = ground.elevation_m.astype(np.float32, copy=False)
-        along_y, along_x = np.gradient(elevation_m, np.float32(ground.spacing_m))
-        self._slopes = np.stack((along_x, along_y), axis=-1)
+        self._slopes = ground.slopes()
 
     def at(self, points_m: FloatArray) -> Floats:
         """Return the (N, 3) unit normals at (N, 3) points."""
