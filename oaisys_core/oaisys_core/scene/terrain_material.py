@@ -19,6 +19,10 @@ from oaisys_core.scene.surroundings import LandMasks, MacroVariation
 from oaisys_core.scene.tiling import PlainTiling, Tiling
 from oaisys_core.types import FloatArray
 
+STEEP_COS = (0.77, 0.57)
+"""Vertical component of the normal (40 and 55 degrees of slope) between which the texture projected
+from above gives way to those from the sides."""
+
 SAMPLED_PX = 256
 """Pixels of a texture's row of which its mean colour is taken."""
 

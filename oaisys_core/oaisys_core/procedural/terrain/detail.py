@@ -21,6 +21,7 @@ from oaisys_core import randomness
 from oaisys_core.procedural.terrain.displacement import LayerRelief
 from oaisys_core.procedural.terrain.noise import fractal
 from oaisys_core.scene import Ground, HeightField
+from oaisys_core.scene.terrain_material import STEEP_COS
 from oaisys_core.types import FloatArray
 
 FADE_SHARE = 0.35
@@ -29,7 +30,7 @@ FADE_SHARE = 0.35
 MAX_FINE_PX = 2049
 """Largest number of points along an edge of the patch; larger patches have a wider spacing."""
 
-GENTLE_COS = (0.77, 0.87)
+RELIEF_COS = (STEEP_COS[0], 0.87)
 """Vertical components of the normal (slopes of 40 and 30 degrees) between which the relief of
 textures fades in, where they are projected from the side on steep slopes."""
 
@@ -240,7 +241,7 @@ def add_detail(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGro
         return DetailedGround(ground, fine, patch)
     relief_m = fade * detail.relief.on_grid(fine)
     if detail.relief.material.projects_sides:
-        relief_m *= _smoothstep((grid_normals(fine)[..., 2] - GENTLE_COS[0]) / np.ptp(GENTLE_COS))
+        relief_m *= _smoothstep((grid_normals(fine)[..., 2] - RELIEF_COS[0]) / np.ptp(RELIEF_COS))
     raised = replace(fine, elevation_m=(plain_m + relief_m).astype(np.float32))
     return DetailedGround(ground, raised, patch, shaded=fine)
 

@@ -28,10 +28,6 @@ LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
 MAX_LOOKUPS = 100
 """A material with more lookups over all layers, sides and levels uses every other level only."""
 
-STEEP_COS = (0.77, 0.57)
-"""Vertical component of the normal (40 and 55 degrees of slope) between which the texture projected
-from above gives way to those from the sides."""
-
 SIDE_BLEND = 2.5
 """Sharpness of the transition between two sides."""
 

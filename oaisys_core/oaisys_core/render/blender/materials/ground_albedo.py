@@ -29,7 +29,6 @@ from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.raycast.surface import View, bands
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.shading.looks import (
-    STEEP_COS,
     VARIATION_TILES,
     VARIATION_TURN_RAD,
     footprints_m,
@@ -38,7 +37,7 @@ from oaisys_core.render.shading.looks import (
 )
 from oaisys_core.render.shading.shading import in_haze
 from oaisys_core.scene.sky import Sky
-from oaisys_core.scene.terrain_material import PbrMaps, TerrainMaterial
+from oaisys_core.scene.terrain_material import STEEP_COS, PbrMaps, TerrainMaterial
 from oaisys_core.scene.tiling import PlainTiling
 from oaisys_core.types import FloatArray
 

@@ -24,7 +24,8 @@ from oaisys_core.render.blender.materials.nodes import (
     in_group,
     node_group,
 )
-from oaisys_core.render.shading.looks import SIDE_BLEND, STEEP_COS
+from oaisys_core.render.shading.looks import SIDE_BLEND
+from oaisys_core.scene.terrain_material import STEEP_COS
 
 NOISE_STEP = 97
 """Multiples of a random number, whose fractions are as good as independent: there are 2^24."""

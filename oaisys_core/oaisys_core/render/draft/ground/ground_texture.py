@@ -48,7 +48,6 @@ from oaisys_core.render.shading.looks import (
     BED_SCALE,
     MAX_TURNED_LAYERS,
     SIDE_BLEND,
-    STEEP_COS,
     VARIATION_TILES,
     VARIATION_TURN_RAD,
     cliff_tiling,
@@ -56,7 +55,7 @@ from oaisys_core.render.shading.looks import (
     varies,
 )
 from oaisys_core.render.shading.texture_levels import LevelStore
-from oaisys_core.scene.terrain_material import PbrMaps, TerrainMaterial
+from oaisys_core.scene.terrain_material import STEEP_COS, PbrMaps, TerrainMaterial
 from oaisys_core.scene.tiling import PlainTiling, Tiling
 from oaisys_core.types import FloatArray
 
