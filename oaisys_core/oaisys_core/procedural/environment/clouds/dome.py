@@ -22,7 +22,7 @@ from oaisys_core.procedural.environment.clouds.scattering import (
     in_scattering,
     order_phases,
 )
-from oaisys_core.procedural.environment.clouds.tile import LINE, Tile
+from oaisys_core.procedural.environment.clouds.tile import Tile, look_up
 from oaisys_core.procedural.environment.light import PLAIN_ALBEDO, sky_irradiance_w_m2, sun_color
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.scene.sky import Clouds, Sky
@@ -127,12 +127,19 @@ def air_before_clouds(sky: Sky) -> float:
 
 def _seen(sky: Sky, rays: FloatArray) -> NDArray[np.float32]:
     """Return the (N, 4) values of the picture of clouds along (N, 3) rays."""
-    image = cloud_image(sky)
     level = np.hypot(rays[:, 0], rays[:, 1])
     elevations_rad = np.maximum(np.arctan2(rays[:, 2], level), 0.0)
     rows = np.clip(np.sqrt(elevations_rad * (2 / pi)) * ROWS - 0.5, 0, ROWS - 1)
     columns = np.arctan2(rays[:, 1], rays[:, 0]) * (COLUMNS / (2 * pi)) - 0.5
-    return _look_up(image, columns.astype(np.float32), rows.astype(np.float32))
+    around = np.mod(columns.astype(np.float32), np.float32(COLUMNS))
+    return look_up(_image_around(sky), around, rows.astype(np.float32))
+
+
+@lru_cache(maxsize=2)
+def _image_around(sky: Sky) -> NDArray[np.float32]:
+    """Return the picture of clouds with its first column once more behind the last one."""
+    image = cloud_image(sky)
+    return np.concatenate((image, image[:, :1]), axis=1)
 
 
 def _dome_under(sky: Sky, clouds: Clouds) -> CloudDome:
@@ -254,14 +261,3 @@ class _March:
         # The air before clouds is as bright as the sky there.
         lights[3] += (1 - passed) * (1 - clear)
         self.lights[:, rays] = lights
-
-
-def _look_up(image: NDArray[np.float32], columns: Field, rows: Field) -> NDArray[np.float32]:
-    """Return (N, 4) values at (N,) columns, which go around, and rows of a picture of clouds."""
-    count, width = len(columns), image.shape[1]
-    places = np.zeros((2, -(-count // LINE) * LINE), np.float32)
-    np.mod(columns, np.float32(width), out=places[0, :count])
-    places[1, :count] = rows
-    wrapped = np.concatenate((image, image[:, :1]), axis=1)
-    found = cv2.remap(wrapped, *places.reshape(2, -1, LINE), cv2.INTER_LINEAR)
-    return np.asarray(found.reshape(-1, image.shape[2])[:count])

@@ -26,12 +26,20 @@ class Tile:
 
     def at(self, x: Field, y: Field) -> NDArray[np.float32]:
         """Return (N, ...) values, interpolated linearly, at (N,) columns and rows of any size."""
-        points, rows = len(x), max(-(-len(x) // LINE), 1)
-        places = np.zeros((2, rows * LINE), np.float32)
-        for into, coordinate in zip(places, (x, y), strict=True):
-            tiles = coordinate * np.float32(1 / self._size)
-            tiles -= np.floor(tiles)
-            np.multiply(tiles, np.float32(self._size), out=into[:points])
-        columns, lines = places.reshape(2, rows, LINE)
-        found = cv2.remap(self._image, columns, lines, cv2.INTER_LINEAR)
-        return np.asarray(found.reshape(rows * LINE, *found.shape[2:])[:points])
+        return look_up(self._image, self._inside(x), self._inside(y))
+
+    def _inside(self, texels: Field) -> Field:
+        """Return (N,) places on the first tile that show the same."""
+        tiles = texels * np.float32(1 / self._size)
+        tiles -= np.floor(tiles)
+        tiles *= np.float32(self._size)
+        return tiles
+
+
+def look_up(image: NDArray[np.float32], columns: Field, rows: Field) -> NDArray[np.float32]:
+    """Return (N, ...) values of an image, interpolated linearly, at (N,) columns and rows."""
+    count, lines = len(columns), max(-(-len(columns) // LINE), 1)
+    places = np.zeros((2, lines * LINE), np.float32)
+    places[0, :count], places[1, :count] = columns, rows
+    found = cv2.remap(image, *places.reshape(2, lines, LINE), cv2.INTER_LINEAR)
+    return np.asarray(found.reshape(lines * LINE, *found.shape[2:])[:count])
