@@ -25,7 +25,7 @@ from oaisys_core.types import Pose
 from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
 from oaisys_mapping.exploration.planners import make_planner
-from oaisys_mapping.exploration.planning import Plan, PlannerError, ask_for_plan
+from oaisys_mapping.exploration.planning import Plan, PlannerError, ask_for_plan, failure_of
 
 START_S = 120.0
 """For importing and making a planner, which may read a network's weights."""
@@ -140,7 +140,7 @@ def _serve(connection: Connection, name: str, seed: int) -> None:
     try:
         planner = make_planner(name)
     except BaseException as error:  # noqa: BLE001 - another package's code, which may do anything
-        connection.send(_failure(name, error))
+        connection.send(failure_of(name, error))
         return
     connection.send(None)
     rng = np.random.default_rng(seed)
@@ -158,12 +158,7 @@ def _plan(planner: Planner, situation: Situation) -> Plan | PlannerError | None:
     except PlannerError as error:
         return PlannerError(str(error))
     except BaseException as error:  # noqa: BLE001 - such as SystemExit
-        return _failure(planner.name, error)
-
-
-def _failure(name: str, error: BaseException) -> PlannerError:
-    what = f"{type(error).__name__}: {quote(str(error))}"
-    return PlannerError(f"the planner {name!r} failed: {what}")
+        return failure_of(planner.name, error)
 
 
 if __name__ == "__main__":

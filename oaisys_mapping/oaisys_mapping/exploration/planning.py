@@ -39,8 +39,7 @@ def ask_for_plan(planner: Planner, situation: Situation) -> Plan | None:
     try:
         pose = planner.next_pose(situation)
     except Exception as error:
-        what = f"{type(error).__name__}: {quote(str(error))}"
-        raise PlannerError(f"the planner {planner.name!r} failed: {what}") from error
+        raise failure_of(planner.name, error) from error
     if pose is None:
         return None
     try:
@@ -53,6 +52,12 @@ def ask_for_plan(planner: Planner, situation: Situation) -> Plan | None:
         what = f"asked for {position}, to which no way is known to be free"
         raise PlannerError(f"the planner {planner.name!r} {what}")
     return Plan(pose, path_m)
+
+
+def failure_of(name: str, error: BaseException) -> PlannerError:
+    """Return the error that says which planner raised what."""
+    what = f"{type(error).__name__}: {quote(str(error))}"
+    return PlannerError(f"the planner {name!r} failed: {what}")
 
 
 def _checked(planner: Planner, pose: object) -> Pose:
