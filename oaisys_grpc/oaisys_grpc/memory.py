@@ -20,6 +20,9 @@ HEAPS = 2
 
 GROWN_BYTES = 16 * 2**20
 """Growth since the last time after which freed memory is returned to the system."""
+SHRUNK_BYTES = 2**20
+"""What goes by itself since the last time is a sign that there is more: a middleware lets go of a
+large message seconds after its call has ended."""
 
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
@@ -44,15 +47,14 @@ class IdleMemory:
     """Returns the memory that `keep_freed_memory` keeps to the system when the process is idle."""
 
     def __init__(self) -> None:
-        self._least_bytes = resident_bytes(os.getpid())
+        self._held_bytes = resident_bytes(os.getpid())
 
     def give_back(self) -> None:
-        """Return freed memory if this process has grown since the last time."""
-        held = resident_bytes(os.getpid())
-        if held > self._least_bytes + GROWN_BYTES:
+        """Return freed memory if this process has grown or shrunk since the last time."""
+        change = resident_bytes(os.getpid()) - self._held_bytes
+        if change > GROWN_BYTES or change < -SHRUNK_BYTES:
             return_freed_memory()
-            self._least_bytes = resident_bytes(os.getpid())
-        self._least_bytes = min(self._least_bytes, held)
+            self._held_bytes = resident_bytes(os.getpid())
 
 
 def resident_bytes(pid: int) -> int:

@@ -18,14 +18,11 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from oaisys_core.errors import CancelledError, OaisysError
-from oaisys_grpc.memory import IdleMemory
 from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.qos import SERVICE_QOS
 
 CANCELLING_TIMEOUT_S = 1.0
 END_TIMEOUT_S = 3.0
-FREED_AFTER_S = 1.0
-"""After a goal's end, when rclpy has let go of its request."""
 CANCELLED = "cancelled"
 
 
@@ -60,7 +57,6 @@ class GoalServer:
         self._accepted: dict[bytes, Cancellation] = {}
         self._idle = threading.Event()
         self._idle.set()
-        self._memory = IdleMemory()
         self._server = ActionServer(
             node,
             work.kind,
@@ -109,9 +105,6 @@ class GoalServer:
         empty = self._work.kind.Goal()
         for field in empty.get_fields_and_field_types():
             setattr(goal.request, field, getattr(empty, field))
-        later = threading.Timer(FREED_AFTER_S, self._memory.give_back)
-        later.daemon = True
-        later.start()
 
     def _run(self, goal: ServerGoalHandle, cancellation: Cancellation, result: Any) -> None:
         if not self._begin(cancellation):

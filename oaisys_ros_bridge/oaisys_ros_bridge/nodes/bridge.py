@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
-from oaisys_grpc.memory import keep_freed_memory
+from oaisys_grpc.memory import IdleMemory, keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.drives import drive_server
@@ -48,7 +48,8 @@ from oaisys_ros_bridge.timers import steady_timer
 if TYPE_CHECKING:
     from oaisys_ros_bridge.simulation_interfaces.services import SimulationServices
 
-DIAGNOSTICS_PERIOD_S = 1.0
+LOOK_PERIOD_S = 1.0
+"""Between two diagnostics, and two looks at the memory that can be given back."""
 REFUSAL = "the bridge is {}: activate it first"
 THREADS = 12
 """Enough for one goal of each action and a command to wait for their turns while everything else
@@ -70,6 +71,8 @@ class BridgeNode(ParameterNode, ManagedNode):
         super().__init__("oaisys_bridge")
         self.declare_table(BRIDGE)
         self._stop = stop
+        self._memory = IdleMemory()
+        self._rendered_before = 0
         self._changed = self.create_guard_condition(
             self._follow_changes, callback_group=MutuallyExclusiveCallbackGroup()
         )
@@ -239,7 +242,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         )
         for kind, name, callback in offered:
             self._node_services.offer(kind, name, callback)
-        steady_timer(self, DIAGNOSTICS_PERIOD_S, self._status.publish_diagnostics)
+        steady_timer(self, LOOK_PERIOD_S, self._look)
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:
         try:
@@ -288,6 +291,14 @@ class BridgeNode(ParameterNode, ManagedNode):
         except OaisysError as error:
             response.message = str(error)
         return response
+
+    def _look(self) -> None:
+        """Publish diagnostics; give freed memory back once nothing was rendered for a period."""
+        self._status.publish_diagnostics()
+        rendered = self._render_queue.counts.rendered
+        if self._render_queue.activity == "idle" and rendered == self._rendered_before:
+            self._memory.give_back()
+        self._rendered_before = rendered
 
     def _follow_changes(self) -> None:
         """Publish the changes of the simulator, and diagnostics, since the last call."""
