@@ -20,11 +20,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 VERDICT = "VERDICT "
 PER_PROCESS = 20
 """Worlds of one process, so that a crash costs no more."""
-TIMEOUT_S = 240
-"""Seconds for one world, beside others; a longer one hangs."""
+BUSY_LIMIT_S = 300
+"""Processor seconds for one world: a longer one is a fault. Load does not count."""
+STILL_LIMIT_S = 120
+"""Seconds in which a process must use some processor time: one that does not hangs."""
 
 
 def say(text: str) -> None:
@@ -47,6 +51,26 @@ def child(seeds: list[int], folder: Path, backend: str) -> None:
         say(VERDICT + json.dumps(line))
 
 
+def watch(process: subprocess.Popen[str], answered: threading.Event) -> None:
+    """Kill a process that works too long on an answer, or that stopped working."""
+    began_s = before_s = busy_s(process)
+    while not answered.wait(STILL_LIMIT_S):
+        now_s = busy_s(process)
+        if now_s - began_s > BUSY_LIMIT_S or now_s == before_s:
+            process.kill()
+            return
+        before_s = now_s
+
+
+def busy_s(process: subprocess.Popen[str]) -> float:
+    """Return the processor seconds of a process; 0 once it has ended."""
+    try:
+        used = psutil.Process(process.pid).cpu_times()
+    except psutil.NoSuchProcess:
+        return 0.0
+    return float(used.user + used.system)
+
+
 def verdicts_of(seeds: list[int], folder: Path, backend: str) -> Iterator[dict[str, Any]]:
     """Judge worlds in new processes; a crash, or a world that hangs, is a fault of that world."""
     while seeds:
@@ -56,10 +80,10 @@ def verdicts_of(seeds: list[int], folder: Path, backend: str) -> Iterator[dict[s
             process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
             assert process.stdout is not None
             while seeds:
-                watchdog = threading.Timer(TIMEOUT_S, process.kill)
-                watchdog.start()
+                answered = threading.Event()
+                threading.Thread(target=watch, args=(process, answered), daemon=True).start()
                 line = process.stdout.readline()
-                watchdog.cancel()
+                answered.set()
                 if not line:
                     break
                 if line.startswith(VERDICT):
@@ -67,7 +91,7 @@ def verdicts_of(seeds: list[int], folder: Path, backend: str) -> Iterator[dict[s
                     yield json.loads(line.removeprefix(VERDICT))
             code = process.wait()
             errors.seek(0)
-            how = f"the process ended with {code}, or was killed after {TIMEOUT_S} s"
+            how = f"the process ended with {code} (killed if it took {BUSY_LIMIT_S} s or hung)"
             if seeds:
                 fault = f"{how}: {errors.read()[-1000:]}"
                 yield {"seed": seeds[0], "seconds": 0.0, "faults": [fault], "figures": []}
