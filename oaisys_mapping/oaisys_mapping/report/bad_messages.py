@@ -1,4 +1,4 @@
-"""Messages to a live page that no browser sends: counted, and told in one line a minute.
+"""Messages to a live page that no browser sends: dropped, counted, and told in one line a minute.
 
 viser and websockets write a traceback for each, as often as somebody sends one.
 """
@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from oaisys_core.errors import quote
 from oaisys_core.system.periodic_count import PeriodicCount
+from oaisys_mapping.report.browser_messages import fault_of
 
 _LOG = logging.getLogger(__name__)
 
@@ -42,16 +43,25 @@ class BadMessages(logging.Filter):
             logging.getLogger(name).removeFilter(self)
         self._tell(at_once=True)
 
+    def is_used(self, data: bytes | str) -> bool:
+        """Return whether a message is one that the page uses; count it otherwise."""
+        if fault := fault_of(data):
+            self._add(fault)
+        return not fault
+
     def filter(self, record: logging.LogRecord) -> bool:
         """Count a line about such a message; any other one is logged."""
         text = record.getMessage()
         if not any(mark in text for mark in MARKS):
             return True
-        self.count += 1
         error = record.exc_info[1] if record.exc_info else None
-        self._untold.add(quote(f"{type(error).__name__}: {error}"))
-        self._tell()
+        self._add(quote(f"{type(error).__name__}: {error}"))
         return False
+
+    def _add(self, reason: str) -> None:
+        self.count += 1
+        self._untold.add(reason)
+        self._tell()
 
     def _tell(self, *, at_once: bool = False) -> None:
         count, reason = self._untold.take(at_once=at_once)

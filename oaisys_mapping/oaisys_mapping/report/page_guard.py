@@ -52,13 +52,16 @@ class PageGuard:
         self._untold = PeriodicCount(now_s)
 
     @contextmanager
-    def install(self) -> Iterator[None]:
+    def install(self, is_used: Callable[[bytes | str], bool]) -> Iterator[None]:
         """Have the server that is started in the block ask this guard about every request.
+
+        Args:
+            is_used: Whether a message of a browser is handed to the server.
 
         Raises:
             OaisysError: The server does not ask: the page would be without a guard.
         """
-        with requests_asked_about(self._wrap):
+        with requests_asked_about(self._wrap, is_used):
             yield
 
     def fault(self, request: Request) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Mapping
 from contextlib import redirect_stdout
@@ -113,9 +114,11 @@ class WebViewer:
 
     def _start_server(self, host: str, port: int) -> viser.ViserServer:
         server = None
+        # Browsers go at any moment.
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         with redirect_stdout(StringIO()):
             try:
-                with self._guard.install():
+                with self._guard.install(self._bad_messages.is_used):
                     server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
             except OaisysError:
                 if server is not None:

@@ -64,7 +64,10 @@ def number_of(field: Any) -> float:
     """
     low = -math.inf if field.min is None else field.min
     high = math.inf if field.max is None else field.max
-    value = float(field.value)
+    try:
+        value = float(field.value)
+    except (OverflowError, TypeError, ValueError):  # viser takes whole numbers of any length
+        value = math.nan
     if not (math.isfinite(value) and low <= value <= high):
         raise InvalidInputError(str(field.label), field.value, f"a number from {low:g} to {high:g}")
     return value

@@ -86,6 +86,19 @@ class Desk:
         with self._news:
             self._view = None
 
+    def begin_anew(self, request: Request) -> int:
+        """Have a new driver's first request alone wait; return how many others were dropped.
+
+        Those are of a driver who has left or given the wheel away, and so is the view that waits.
+        """
+        with self._news:
+            dropped = sum(each != request for each in self._requests)
+            self._requests.clear()
+            self._requests.append(request)
+            self._view = None
+            self._news.notify_all()
+            return dropped
+
     def has_news(self) -> bool:
         """Return whether anything waits."""
         with self._news:

@@ -14,7 +14,7 @@ import viser
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata
 from oaisys_ros_bridge.live.browser_values import number_of, text_of
-from oaisys_ros_bridge.live.desk import Action, Desk, Request
+from oaisys_ros_bridge.live.desk import MAX_REQUESTS, Action, Desk, Request
 
 Window = Literal["picture", "map"]
 
@@ -51,6 +51,7 @@ class DriverPanel:
         self._desk = desk
         self._on_refusal, self._bag_fault = on_refusal, bag_fault
         self._folders: list[Any] = []
+        self._is_retired = False
         # Reactions run on many threads: what one has read must not be posted after a newer value.
         self._reacting = threading.Lock()
         with self._folder("Drive", -40):
@@ -74,8 +75,13 @@ class DriverPanel:
         speed_m_s = float(self._speed.value)
         return float(np.clip(speed_m_s, low, high) if speed_m_s > 0 else low) / BROWSER_SPEED_M_S
 
+    def retire(self) -> None:
+        """Ask for nothing more: clicks of a driver who is none any more may wait for a thread."""
+        self._is_retired = True
+
     def remove(self) -> None:
         """Take the panel off the page."""
+        self.retire()
         for folder in self._folders:
             folder.remove()
 
@@ -158,7 +164,7 @@ class DriverPanel:
 
         def expose(_event: Any) -> None:
             stops = None if is_automatic.value else number_of(exposure)
-            self._desk.post_change(ModuleMetadata(render={"exposure_ev": stops}))
+            self._change(ModuleMetadata(render={"exposure_ev": stops}))
 
         for field, react in (
             (elevation, move_sun),
@@ -204,7 +210,12 @@ class DriverPanel:
         self._post(action)
 
     def _post(self, action: Action, **values: Any) -> None:
-        self._desk.post(Request(action, values))
+        if not self._is_retired and not self._desk.post(Request(action, values)):
+            self._on_refusal(f"{MAX_REQUESTS} requests wait already; this one is dropped")
 
     def _change_environment(self, **values: Any) -> None:
-        self._desk.post_change(ModuleMetadata(environment=values))
+        self._change(ModuleMetadata(environment=values))
+
+    def _change(self, change: ModuleMetadata) -> None:
+        if not self._is_retired:
+            self._desk.post_change(change)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import yaml
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.files.documents import read_text
 from oaisys_core.files.folders import make_folder
 from oaisys_core.files.whole_files import write_whole_bytes
 from oaisys_core.types import Frame, ModuleMetadata, Pose, Sample, merge
@@ -59,11 +61,10 @@ class Outputs:
         """Append a pose of the rig to this session's survey; return its path and how many it has.
 
         Raises:
-            OaisysError: It cannot be written; the file is as before.
+            OaisysError: It cannot be read or written; the file is as before.
         """
         path = self._poses or self.new_path("survey_", ".csv")
-        header = ",".join(POSE_COLUMNS)
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else [header]
+        lines = _lines_of(path) or [",".join(POSE_COLUMNS)]
         lines.append(",".join(map(repr, (*pose.position_m, *pose.quat_xyzw))))
         _write(path, "".join(f"{line}\n" for line in lines).encode())
         self._poses = path
@@ -72,7 +73,8 @@ class Outputs:
     def new_path(self, beginning: str, ending: str) -> Path:
         """Return the path with the least number that nothing has yet."""
         number = 1
-        while (path := self.folder / f"{beginning}{number:04d}{ending}").exists():
+        # A link that leads nowhere is there, too.
+        while os.path.lexists(path := self.folder / f"{beginning}{number:04d}{ending}"):
             number += 1
         return path
 
@@ -110,6 +112,18 @@ def apply_changes(config: Mapping[str, Any], changes: ModuleMetadata) -> dict[st
         **changes.custom,
     }
     return merge(config, {name: part for name, part in sections.items() if part})
+
+
+def _lines_of(path: Path) -> list[str]:
+    """Return the lines of a text, which may have been edited meanwhile; none where it is gone."""
+    try:
+        return read_text(path).splitlines()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise OaisysError(f"{path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise OaisysError(f"{path}: {error}") from error
 
 
 def _write(path: Path, data: bytes) -> Path:

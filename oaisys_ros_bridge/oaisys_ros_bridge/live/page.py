@@ -162,23 +162,33 @@ class LivePage:
         with self._lock:
             self._buttons.pop(client.client_id, None)
             if self._driver is not None and self._driver.client_id == client.client_id:
+                if self._panel is not None:
+                    self._panel.retire()
                 self._driver = self._panel = None
                 self._desk.forget_view()
 
     def _make_driver(self, client: viser.ClientHandle) -> None:
+        # The new driver's panel begins with a flight.
+        flight = Request("choose_vehicle", {"is_rover": False, "camera_height_m": 0.0})
+        dropped = self._desk.begin_anew(flight)
         self._driver = client
-        self._panel = DriverPanel(
-            client, self._desk, self._change_window, self._refuse, self._bag_fault
-        )
-        self._panel.show_recording(is_on=self._is_recording)
-        self._change_window()
+        with client.atomic():  # it is shown once all of it reacts: an early click would be lost
+            self._panel = DriverPanel(
+                client, self._desk, self._change_window, self._refuse, self._bag_fault
+            )
+            self._panel.show_recording(is_on=self._is_recording)
+            self._change_window()
+        if dropped:
+            them = "1 request" if dropped == 1 else f"{dropped} requests"
+            self.note("New driver", f"{them} of the driver before you will not be done")
 
     def _make_watcher(self, client: viser.ClientHandle) -> None:
         client.scene.set_background_image(None)
         client.scene.set_global_visibility(True)
-        button = client.gui.add_button("Take the wheel", order=-50)
-        self._buttons[client.client_id] = button
-        button.on_click(lambda _: self._hand_over(client))
+        with client.atomic():
+            button = client.gui.add_button("Take the wheel", order=-50)
+            self._buttons[client.client_id] = button
+            button.on_click(lambda _: self._hand_over(client))
 
     def _hand_over(self, client: viser.ClientHandle) -> None:
         """Make a watcher the driver, and the driver a watcher."""
@@ -191,8 +201,6 @@ class LivePage:
             if before is not None and panel is not None:
                 panel.remove()
                 self._make_watcher(before)
-            # The new driver's panel begins with a flight.
-            self._desk.post(Request("choose_vehicle", {"is_rover": False, "camera_height_m": 0.0}))
             self._make_driver(client)
 
     def _change_window(self) -> None:

@@ -112,9 +112,9 @@ class LiveSession:
                 self._take_better_picture()
             except _OvertakenError:
                 continue
-            except OaisysError as error:
+            except (OaisysError, OSError) as error:
                 self._simulator.check()
-                self._tell(error)
+                self._tell(str(error))
 
     def close(self) -> None:
         """Close the bag if one is open."""
@@ -123,6 +123,7 @@ class LiveSession:
 
     def _begin_world(self) -> None:
         """Look from the start pose of a new world."""
+        self._sample = None
         self._info = self._client.info()
         self._page.show_labels(self._info.semantic_labels)
         self._viewer.clear()
@@ -223,11 +224,11 @@ class LiveSession:
         seen = f"{self._quality} in {self._render_s:.2f} s from ({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m"
         self._page.say(f"{world}: {seen}{'' if self._bag is None else ', recording'}")
 
-    def _tell(self, error: OaisysError) -> None:
-        """Say what went wrong, and drop what the driver asked for meanwhile."""
+    def _tell(self, fault: str) -> None:
+        """Say what went wrong, and drop where the driver has gone meanwhile."""
         self._desk.forget_view()
-        self._page.say(f"refused: {error}")
-        self._page.note("Refused", str(error), is_error=True)
+        self._page.say(f"refused: {fault}")
+        self._page.note("Refused", fault, is_error=True)
 
     def _do_request(self) -> None:
         """Do one: many clicks must not hold up moves and changes of the light."""

@@ -131,7 +131,10 @@ def test_refusals_are_counted_and_told_once_a_minute(caplog: pytest.LogCaptureFi
 
 
 def test_a_server_without_a_guard_is_not_begun() -> None:
-    with pytest.raises(OaisysError, match="no guard"), PageGuard("127.0.0.1").install():
+    with (
+        pytest.raises(OaisysError, match="no guard"),
+        PageGuard("127.0.0.1").install(lambda _data: True),
+    ):
         pass
 
 

@@ -51,3 +51,16 @@ def test_who_waits_is_woken_by_news():
     desk.post(Request("take_picture"))
     thread.join(PATIENCE_S / 2)
     assert not thread.is_alive()
+
+
+def test_a_new_driver_begins_without_what_the_one_before_asked_for():
+    desk, flight = Desk(), Request("choose_vehicle", {"is_rover": False})
+    for seed in range(3):
+        desk.post(Request("new_world", {"seed": seed}))
+    desk.post_view(BrowserView(np.array((1.0, 0.0, 0.0)), np.eye(3)))
+    assert desk.begin_anew(flight) == 3
+    assert desk.take_request() == flight
+    assert desk.take_request() is None
+    assert desk.take_view() is None
+    desk.post(flight)
+    assert desk.begin_anew(flight) == 0

@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 from oaisys_mapping.private.viser_server import MAX_MESSAGE_BYTES
 from oaisys_mapping.report import page_guard
 from oaisys_mapping.report.web_viewer import WebViewer
-from oaisys_ros_bridge.live.desk import Desk
+from oaisys_ros_bridge.live.desk import MAX_REQUESTS, Desk
 from oaisys_ros_bridge.live.page import LivePage
 
 
@@ -48,6 +48,42 @@ def test_a_browser_that_is_gone_before_it_is_welcomed_does_not_drive(viewer: Web
     page = LivePage(viewer, Desk(), "")
     page._welcome(found[0])
     assert drives(viewer.url)
+
+
+def test_who_drives_after_a_driver_who_left_begins_anew(viewer: WebViewer) -> None:
+    """The new driver's panel said that the vehicle flies, while the rover went on."""
+    desk = Desk()
+    page = LivePage(viewer, desk, "")
+    with RawBrowser(viewer.url) as browser:
+        browser.look()
+        browser.set_value("vehicle", "drive the rover", PATIENCE_S)
+        for _ in range(3):
+            browser.set_value("New world", True, PATIENCE_S)
+        wait_until(lambda: len(desk._requests) == 5)
+        panel = page._panel
+        assert panel is not None
+    wait_until(lambda: page._driver is None)
+    panel._post("take_picture")  # a click that waited for a thread
+    with RawBrowser(viewer.url) as browser:
+        browser.look()
+        # With the rover and three worlds, which nobody has asked for any more.
+        browser.shows("4 requests of the driver before you will not be done", PATIENCE_S)
+        browser.set_value("Take a picture", True, PATIENCE_S)
+        wait_until(lambda: len(desk._requests) == 2)
+    taken = [desk.take_request(), desk.take_request()]
+    assert [each.action for each in taken if each] == ["choose_vehicle", "take_picture"]
+    assert taken[0] is not None
+    assert taken[0].values["is_rover"] is False
+
+
+def test_too_many_requests_are_refused_in_words(viewer: WebViewer) -> None:
+    desk = Desk()
+    LivePage(viewer, desk, "")
+    with RawBrowser(viewer.url) as browser:
+        browser.look()
+        for _ in range(MAX_REQUESTS):
+            browser.set_value("Take a picture", True, PATIENCE_S)
+        browser.shows(f"{MAX_REQUESTS} requests wait already", PATIENCE_S)
 
 
 def test_a_huge_message_ends_its_connection_alone(viewer: WebViewer) -> None:

@@ -74,6 +74,19 @@ def test_poses_are_kept_line_by_line_in_a_file_of_this_session(tmp_path):
     assert (tmp_path / "survey_0001.csv").read_text() == "somebody else's"
 
 
+def test_a_file_that_somebody_edits_or_links_costs_one_request(tmp_path):
+    """Saved in another encoding, the file of poses ended the page."""
+    outputs = Outputs(tmp_path)
+    path, _ = outputs.keep_pose(POSES[0])
+    path.write_text("x_m\n1.0\n", encoding="utf-16")
+    with pytest.raises(OaisysError, match=r"survey_0001.*UTF-16, expected UTF-8"):
+        outputs.keep_pose(POSES[1])
+    path.unlink()
+    assert outputs.keep_pose(POSES[1]) == (path, 1)
+    (tmp_path / "bag_0001").symlink_to("elsewhere")
+    assert outputs.new_path("bag_", "").name == "bag_0002"
+
+
 def test_an_exported_configuration_is_valid_and_has_the_changes(tmp_path):
     changes = ModuleMetadata(
         environment={"sun_elevation_deg": 12.0},
