@@ -20,9 +20,10 @@ class CoverageRecord:
         path_m: Length flown up to each view.
         plan_s: Median time to choose the next view.
         refused: Number of poses that the simulator refused.
-        least_clearance_m: Least height of any pose above the true surface; NaN if unknown.
+        least_clearance_m: Least height of any pose above the true surface; None if unknown.
         ended: Why it ended.
-        failed: Whether it ended because the planner failed.
+        failed: Whether it ended because the planner failed, or before its first view: the world
+            could not be built, or the view was refused.
     """
 
     planner: str
@@ -31,7 +32,7 @@ class CoverageRecord:
     path_m: Sequence[float]
     plan_s: float
     refused: int = 0
-    least_clearance_m: float = float("nan")
+    least_clearance_m: float | None = None
     ended: str = ""
     failed: bool = False
 
@@ -59,10 +60,10 @@ class PlannerResult:
         more_than_views: Lower bound if there is no median: the median number of views after
             which it stopped.
         path_m: Median length flown up to the coverage.
-        final_coverage: Median coverage at the end.
+        final_coverage: Median coverage at the end; 0 without a view.
         plan_s: Median time to choose a view.
         refused: Number of poses that the simulator refused, in all worlds.
-        least_clearance_m: Least height of any pose above the true surface.
+        least_clearance_m: Least height of any pose above the true surface; None if unknown.
     """
 
     planner: str
@@ -79,7 +80,7 @@ class PlannerResult:
     final_coverage: float
     plan_s: float
     refused: int
-    least_clearance_m: float
+    least_clearance_m: float | None
 
 
 def planner_results(records: Sequence[CoverageRecord], share: float) -> list[PlannerResult]:
@@ -135,6 +136,7 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
     median_views = _median([np.inf if count is None else count for count in views])
     low, high = median_interval([np.inf if count is None else count for count in views])
     stopped_after = float(np.median([len(record.coverage) for record in records]))
+    clearances_m = [m for m in (each.least_clearance_m for each in records) if m is not None]
     return PlannerResult(
         planner=records[0].planner,
         worlds=len(records),
@@ -147,10 +149,10 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
         most_views=max(successes, default=None),
         more_than_views=stopped_after if median_views is None else None,
         path_m=_median(paths_m),
-        final_coverage=float(np.median([record.coverage[-1] for record in records])),
+        final_coverage=float(np.median([(*record.coverage[-1:], 0.0)[0] for record in records])),
         plan_s=float(np.median([record.plan_s for record in records])),
         refused=sum(record.refused for record in records),
-        least_clearance_m=float(np.min([record.least_clearance_m for record in records])),
+        least_clearance_m=min(clearances_m, default=None),
     )
 
 

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from oaisys_core.errors import DeadlineExceededError, OaisysError
+from oaisys_core.errors import DeadlineExceededError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
@@ -78,6 +78,7 @@ def bring_up(
     options: ExperimentOptions,
     make_client: Callable[[str, tuple[str, ...], str], Client],
     reporter: Reporter,
+    other_seeds: Sequence[int] = (),
 ) -> Iterator[SimulatorStack[Client]]:
     """Start server, bridge, mapper and recorder; end the recorder and then the others.
 
@@ -88,6 +89,7 @@ def bring_up(
         make_client: Given the camera's namespace, the modalities to wait for, and the nodes'
             namespace.
         reporter: Says what is being started.
+        other_seeds: Whose worlds are tried where the configuration's first one cannot be built.
 
     Raises:
         ConfigError: The configuration cannot be used.
@@ -116,7 +118,7 @@ def bring_up(
         reporter.say("building the world")
         simulator = stack.enter_context(_simulator_client(address))
         wait_for_world = partial(_wait_for_world, client, simulator, processes.check, address)
-        wait_for_world()
+        _wait_for_any_world(wait_for_world, simulator, other_seeds, reporter)
         client.wait_for_mapper()
         if recorder is not None:
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
@@ -240,7 +242,14 @@ def _wait_for_world(
     """
     end_s = time.monotonic() + START_TIMEOUT_S
     while True:
-        client.status.wait_for_bridge(max(0.0, end_s - time.monotonic()), check, address)
+        try:
+            client.status.wait_for_bridge(max(0.0, end_s - time.monotonic()), check, address)
+        except RenderError:
+            # Where there is a world, the bridge still tells of an earlier one.
+            if simulator.info().stage_extent_m is None:
+                raise
+            time.sleep(_POLL_PERIOD_S)
+            continue
         if simulator.info().stage_extent_m is not None:
             return
         if time.monotonic() >= end_s:
@@ -248,6 +257,22 @@ def _wait_for_world(
                 f"the simulator at {address} had no world after {START_TIMEOUT_S:g} s"
             )
         time.sleep(_POLL_PERIOD_S)
+
+
+def _wait_for_any_world(
+    wait: Callable[[], None], simulator: SimulatorClient, seeds: Sequence[int], reporter: Reporter
+) -> None:
+    """Wait for the first world; where it cannot be built, have one of other seeds built."""
+    for seed in seeds:
+        try:
+            wait()
+        except RenderError as error:
+            reporter.say(f"no world to begin with, trying seed {seed}: {error}")
+        else:
+            return
+        with suppress(RenderError):
+            simulator.step_batch(seed=seed)
+    wait()
 
 
 @contextmanager

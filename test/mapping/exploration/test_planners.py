@@ -60,6 +60,19 @@ def test_planners_are_compared_by_medians_with_failures_counted_as_more():
     assert lines[2].split()[:7] == ["slow", "1", "of", "3", "more", "than", "3"]
 
 
+def test_a_world_without_a_view_counts_as_failed_and_leaves_the_rest():
+    """Its coverage is empty, of which the comparison took the last entry."""
+    seen = CoverageRecord("p", 1, [0.5, 0.95], [0.0, 10.0], 0.5, least_clearance_m=2.0)
+    none = CoverageRecord("p", 2, [], [], 0.0, refused=1, ended="refused", failed=True)
+    (both,) = planner_results([none, seen], 0.9)
+    assert (both.worlds, both.reached, both.failed, both.refused) == (2, 1, 1, 1)
+    assert both.final_coverage == pytest.approx(0.475)
+    assert both.least_clearance_m == 2.0
+    (alone,) = planner_results([none], 0.9)
+    assert (alone.final_coverage, alone.more_than_views, alone.views) == (0.0, 0.0, None)
+    assert comparison_lines([alone], 0.9)[1].split()[-3:] == ["0.0%", "-", "1"]
+
+
 @pytest.mark.parametrize("count", [1, 5, 6, 9, 20, 41])
 def test_intervals_of_medians_are_those_of_scipys_test(count):
     values = list(np.random.default_rng(count).permutation(100)[:count])

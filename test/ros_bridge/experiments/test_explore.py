@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from explore_runs import WORLD, run
+from fragile_stage import FRAGILE_SEEDS, install_fragile_stage
 from std_msgs.msg import Header
 
-from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.errors import DeadlineExceededError, InvalidInputError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_mapping.certificate.view_files import read_views
@@ -217,6 +218,47 @@ def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
     assert found.ended == f"{MAX_REFUSALS} poses in a row were refused: never"
     assert found.poses == [START]
     assert len(steps) - len(planner.poses) == MAX_REFUSALS
+
+
+def test_a_first_view_that_is_refused_or_lost_ends_its_exploration_alone():
+    """The whole league ended, and the records of all others were lost."""
+
+    def refused(_pose, _way_m):
+        raise RenderError("no ground under it")
+
+    def lost(_pose, _way_m):
+        raise DeadlineExceededError("no answer within 300 s")
+
+    found = explored(Listed(), refused)
+    assert (found.failed, found.refused, found.poses) == (True, 1, [])
+    assert found.ended == "the first view was refused: no ground under it"
+    found = explored(Listed(), lost)
+    assert (found.failed, found.ended) == (True, "no answer within 300 s")
+
+
+@pytest.mark.long
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_worlds_that_cannot_be_built_cost_their_explorations_alone(tmp_path, ros_domain_id):
+    """The first of them ended the whole league, and nothing was written."""
+    world = tmp_path / "world.yaml"
+    world.write_text(WORLD.replace("mountain_1", "fragile"), encoding="utf-8")
+    limits = ("--views", "2", "--baseline-views", "2", "--camera-range", "12", "--no-bag")
+    options = ("--planner", "random,grid", "--seeds", FRAGILE_SEEDS, "--size", "64x48", *limits)
+    variables = install_fragile_stage(tmp_path / "packages")
+    result = run(tmp_path / "out", world, ros_domain_id, *options, variables=variables)
+    assert result.returncode == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    figures = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    runs = [(run["planner"], run["failed"], run["views_to_90"]) for run in figures["explorations"]]
+    assert [failed for _, failed, _ in runs] == [True, True, False, False]
+    assert figures["explorations"][0]["least_clearance_m"] is None
+    assert len(figures["failed"]) == 2
+    for planner in ("random", "grid"):
+        assert figures["planners"][planner]["failed"] == 1
+        assert figures["planners"][planner]["worlds"] == 2
+    assert "the ground has slid away" in figures["failed"][0]
+    assert f"random failed in world {FRAGILE_SEEDS[0]} after 0 views" in result.stdout
 
 
 def test_the_way_that_is_flown_ends_at_the_view_and_is_level():

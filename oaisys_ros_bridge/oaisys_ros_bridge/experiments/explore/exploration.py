@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from oaisys_core.errors import RenderError
+from oaisys_core.errors import DeadlineExceededError, OaisysError, RenderError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.occupancy_map import Bounds, OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
@@ -45,7 +45,7 @@ class Exploration:
         views: What was received.
         refused: How many poses the simulator refused.
         ended: Why it ended.
-        failed: Whether it ended because the planner failed.
+        failed: Whether it ended because the planner failed, or the first view did.
     """
 
     poses: list[Pose] = field(default_factory=list)
@@ -86,7 +86,7 @@ def explore(
 
     Args:
         render: Returns the view from a pose at the end of a path of (K, 3) positions; raises
-            `RenderError` where the pose is refused.
+            `RenderError` where the pose is refused, `DeadlineExceededError` where nothing comes.
         next_plan: Asks the planner, after every view.
         start: A pose around which there is room for the vehicle.
         bounds: The box to fly in and to observe.
@@ -96,11 +96,9 @@ def explore(
         goes_on: Called after every view; returns whether to go on.
 
     Returns:
-        What was explored until then, also where the planner failed: it raised, took too long, asked
-        for a pose that it cannot reach, or for `MAX_REFUSALS` in a row that were refused.
-
-    Raises:
-        RenderError: The first pose was refused.
+        What was explored until then, also where it failed: the first pose was refused, a view was
+        not received, or the planner raised, took too long, asked for a pose that it cannot reach,
+        or for `MAX_REFUSALS` in a row that were refused.
     """
     result, voxels = Exploration(), OccupancyMap(bounds, voxel_size_m)
     voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
@@ -109,13 +107,10 @@ def explore(
     while True:
         try:
             view, frame = render(plan.pose, plan.path_m)
-        except RenderError as error:
+        except (DeadlineExceededError, RenderError) as error:
             refused += 1
-            result.refused += 1
-            if not result.poses:
-                raise
-            if refused == MAX_REFUSALS:
-                result.end(f"{refused} poses in a row were refused: {error}", failed=True)
+            if reason := _reason_to_end(error, result, refused):
+                result.end(reason, failed=True)
                 break
         else:
             refused = 0
@@ -137,6 +132,18 @@ def explore(
             break
         plan, flown_m = found, flown_m + length_m
     return result
+
+
+def _reason_to_end(error: OaisysError, result: Exploration, refused: int) -> str:
+    """Return why a view that did not come ends it all; empty: the planner may ask for another."""
+    if isinstance(error, DeadlineExceededError):
+        return str(error)
+    result.refused += 1
+    if not result.poses:
+        return f"the first view was refused: {error}"
+    if refused == MAX_REFUSALS:
+        return f"{refused} poses in a row were refused: {error}"
+    return ""
 
 
 def _time_plan(

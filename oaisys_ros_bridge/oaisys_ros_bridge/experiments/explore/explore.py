@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.types import DEPTH, FloatArray, Pose
 from oaisys_mapping.evaluation.thresholds import exploration_thresholds
 from oaisys_mapping.exploration.coverage_record import (
@@ -52,6 +53,9 @@ from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.report import ExperimentRun, write_experiment_report
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
+MOST_FIRST_WORLDS = 3
+"""Seeds that are tried for a world to begin with, before those that planners explore."""
+
 Stack = SimulatorStack[TrajectoryClient]
 
 
@@ -70,7 +74,7 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
     for name in options.planners:
         if name not in programs:
             require_planner(name)
-    with bring_up(options, TrajectoryClient, reporter) as stack:
+    with bring_up(options, TrajectoryClient, reporter, options.seeds[:MOST_FIRST_WORLDS]) as stack:
         records, mapped = _explore_all(options, stack, reporter)
         losses = stack.client.shortfalls(MAP_TIMEOUT_S)
         info = stack.simulator.info()
@@ -118,16 +122,24 @@ def _explore_all(
     """Return the records of all explorations, and the one whose map is saved.
 
     Raises:
+        InvalidInputError: The vehicle fits in no world.
         PlannerError: All planners failed in all worlds; says how the first one did.
     """
     records: list[CoverageRecord] = []
     mapped: MappedExploration | None = None
+    misfit: InvalidInputError | None = None
     for seed in options.seeds:
         area: FlightArea | None = None
         for name in options.planners:
             reporter.say(f"world {seed}: building it for {name}")
-            stack.client.step_batch(seed, START_TIMEOUT_S)
-            area = area or flight_area(options, stack.simulator, stack.sensor, seed)
+            try:
+                stack.client.step_batch(seed, START_TIMEOUT_S)
+                area = area or flight_area(options, stack.simulator, stack.sensor, seed)
+            except (InvalidInputError, RenderError) as error:
+                misfit = error if isinstance(error, InvalidInputError) else misfit
+                records.append(_record_of_no_view(name, seed, f"no world to explore: {error}"))
+                reporter.say(_failure(records[-1]))
+                continue
             area.coverage.forget()
             found, coverage = _explore_world(options, stack, area, name, seed, reporter)
             records.append(record := _record(name, seed, found, coverage, stack))
@@ -140,14 +152,17 @@ def _explore_all(
                 stack.client.save_mesh(path, MAP_TIMEOUT_S)
                 # Images are wanted of the evaluated map; planners need depth alone.
                 stack.client.request_only((DEPTH,))
+    if mapped is None and misfit is not None:
+        raise misfit
     if mapped is None:
         raise PlannerError(f"no planner explored a world: {records[0].ended}")
     return records, mapped
 
 
 def _failure(record: CoverageRecord) -> str:
-    """Return how a planner failed, in a sentence."""
-    views = f"{len(record.coverage)} view{'s' if len(record.coverage) > 1 else ''}"
+    """Return how an exploration failed, in a sentence."""
+    count = len(record.coverage)
+    views = f"{count} view{'' if count == 1 else 's'}"
     return f"{record.planner} failed in world {record.seed} after {views}: {record.ended}"
 
 
@@ -226,8 +241,11 @@ def _add_map_times(found: Exploration, stack: Stack) -> None:
 def _record(
     name: str, seed: int, found: Exploration, coverage: list[float], stack: Stack
 ) -> CoverageRecord:
+    if not found.poses:
+        return _record_of_no_view(name, seed, found.ended, found.refused)
     positions_m = np.array([pose.position_m for pose in found.poses])
     clearance_m = stack.simulator.query_height(positions_m).clearance_m
+    known_m = clearance_m[np.isfinite(clearance_m)]
     return CoverageRecord(
         name,
         seed,
@@ -235,10 +253,14 @@ def _record(
         found.path_m,
         plan_s=statistics.median(found.plan_s) if found.plan_s else 0.0,
         refused=found.refused,
-        least_clearance_m=float(np.nanmin(clearance_m)),
+        least_clearance_m=float(known_m.min()) if len(known_m) else None,
         ended=found.ended,
         failed=found.failed,
     )
+
+
+def _record_of_no_view(name: str, seed: int, reason: str, refused: int = 0) -> CoverageRecord:
+    return CoverageRecord(name, seed, [], [], 0.0, refused=refused, ended=reason, failed=True)
 
 
 def _facts(records: Sequence[CoverageRecord], mapped: CoverageRecord) -> dict[str, Any]:

@@ -12,7 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import (
+    DeadlineExceededError,
+    InvalidInputError,
+    OaisysError,
+    RenderError,
+)
 from oaisys_core.system.owner import command_with_owner
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.types import Pose
@@ -82,14 +87,19 @@ def watch(
         goes_on: Called after every view; returns whether to go on.
 
     Returns:
-        What was explored until then, also where the program failed, commanded no view, or a view
-        was not received.
-
-    Raises:
-        OaisysError: The view from ``start`` was refused, or not received.
+        What was explored until then, also where the first view was refused, the program failed or
+        commanded no view, or a view was not received.
     """
     result = Exploration()
-    view, _ = client.view_by_service(start, VIEW_TIMEOUT_S)
+    try:
+        view, _ = client.view_by_service(start, VIEW_TIMEOUT_S)
+    except RenderError as error:
+        result.refused = 1
+        result.end(f"the first view was refused: {error}", failed=True)
+        return result
+    except DeadlineExceededError as error:
+        result.end(str(error), failed=True)
+        return result
     _add(result, view, start)
     if not goes_on(result):
         result.end("coverage")
