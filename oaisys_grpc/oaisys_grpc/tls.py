@@ -9,6 +9,7 @@ from pathlib import Path
 import grpc
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.home import user_path
 
 
 @dataclass(frozen=True)
@@ -87,10 +88,15 @@ class ClientTls:
 def client_tls(
     ca: Path | str | None, cert: Path | str | None, key: Path | str | None
 ) -> ClientTls | None:
-    """Return the TLS of three paths, each of which may be empty or None; None: without TLS."""
+    """Return the TLS of three paths, each of which may be empty or None; None: without TLS.
+
+    Raises:
+        InvalidInputError: A path begins with ``~`` of a user who does not exist.
+    """
     if not (ca or cert or key):
         return None
-    return ClientTls(*(Path(name) if name else None for name in (ca, cert, key)))
+    named = {"tls_ca": ca, "tls_cert": cert, "tls_key": key}
+    return ClientTls(*(user_path(path, name) if path else None for name, path in named.items()))
 
 
 def _pair(cert: Path, key: Path, cert_field: str, key_field: str) -> tuple[bytes, bytes]:

@@ -11,10 +11,11 @@ import inspect
 import logging
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import cache
+from functools import cache, wraps
 from importlib.metadata import EntryPoint, entry_points, version
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -22,6 +23,7 @@ from typer.core import TyperGroup
 
 from oaisys_core.cli.help_texts import add_examples, epilog_of, group_names
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
+from oaisys_core.files.home import user_path
 from oaisys_core.system.shortages import shortage
 from oaisys_core.system.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.system.standard_streams import printable
@@ -30,6 +32,9 @@ COMMAND_GROUP = "oaisys.commands"
 PROGRAM = "oaisys"
 PLAIN_HELP = None
 """Plain help instead of rich's tables, which are too narrow at 80 columns."""
+
+_KNOWS_HOMES = "knows_homes"
+"""Mark of a command that is given its paths with ``~`` expanded; applications are loaded twice."""
 
 EXIT_FAILED = 1
 EXIT_INVALID_INPUT = 2
@@ -107,17 +112,52 @@ def _load(entry: EntryPoint) -> Any:
     except (ImportError, AttributeError) as error:
         target = _unavailable(entry, shortage(error) or error)
     if not isinstance(target, typer.Typer):
+        target = _with_homes(target)
         app = typer.Typer(add_completion=False)
         app.command(entry.name)(target)
         target = app
-    elif not isinstance(target.info.cls, type):
-        target.info.cls = _Commands
+    else:
+        _know_homes(target)
+        if not isinstance(target.info.cls, type):
+            target.info.cls = _Commands
     target.rich_markup_mode = PLAIN_HELP
     command = typer.main.get_command(target)
     command.name = entry.name
     _summarise(command)
     add_examples(command, f"{PROGRAM} {entry.name}")
     return command
+
+
+def _know_homes(app: typer.Typer) -> None:
+    """Have all commands of an application take ``~`` for a home folder."""
+    callback = app.registered_callback
+    for info in (*app.registered_commands, *([callback] if callback else ())):
+        if info.callback is not None:
+            info.callback = _with_homes(info.callback)
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            _know_homes(group.typer_instance)
+
+
+def _with_homes(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that is given its paths as `user_path` reads them."""
+    if hasattr(function, _KNOWS_HOMES):
+        return function
+
+    @wraps(function)
+    def command(**values: Any) -> Any:
+        return function(**{name: _expanded(value, name) for name, value in values.items()})
+
+    setattr(command, _KNOWS_HOMES, True)
+    return command
+
+
+def _expanded(value: Any, name: str) -> Any:
+    if isinstance(value, Path):
+        return user_path(value, name)
+    if isinstance(value, list | tuple):
+        return type(value)(_expanded(each, name) for each in value)
+    return value
 
 
 def _summarise(command: Any) -> None:

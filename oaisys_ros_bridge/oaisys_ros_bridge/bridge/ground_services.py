@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
+from oaisys_core.files.home import user_path
 from oaisys_core.geometry import places
 from oaisys_core.types import FloatArray, Georeference, TriangleMesh
 from oaisys_mapping.evaluation.truth_io import write_truth
@@ -91,7 +91,7 @@ class GroundServices:
         names = sorted(link.info.semantic_labels.items())
         response.labels = [SemanticLabel(id=i, name=name) for i, name in names]
         if request.path:
-            path = Path(request.path)
+            path = user_path(request.path, "path")
             path.parent.mkdir(parents=True, exist_ok=True)
             write_truth(path, mesh)
         else:

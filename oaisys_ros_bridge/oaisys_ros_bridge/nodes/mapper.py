@@ -9,7 +9,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
+from oaisys_core.files.home import user_path
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.mesh_io import write_ply
 from oaisys_msgs.msg import MapStatus
@@ -148,7 +148,7 @@ class MapperNode(ParameterNode, Node):
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:
-            path = Path(request.path)
+            path = user_path(request.path, "path")
             path.parent.mkdir(parents=True, exist_ok=True)
             with self._settle() as volume:
                 mesh = volume.extract_mesh()
@@ -176,7 +176,7 @@ class MapperNode(ParameterNode, Node):
         from oaisys_mapping.evaluation.truth_io import read_truth
 
         try:
-            truth = read_truth(Path(request.truth_path))
+            truth = read_truth(user_path(request.truth_path, "truth_path"))
             with self._settle() as volume:
                 views = self._fusion.views
                 if not views:

@@ -6,7 +6,6 @@ import sys
 import threading
 import time
 from collections.abc import Collection, Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
@@ -14,6 +13,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
+from oaisys_core.files.home import user_path
 from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
 from oaisys_ros_bridge.namespaces import CLOCK
@@ -54,7 +54,7 @@ class PlayerNode(ParameterNode, Node):
         values = self.declare_table(PLAYER, **defaults)
         if not values["path"]:
             raise InvalidInputError("path", "", "a bag's folder, or a .mcap file")
-        self._path = Path(values["path"])
+        self._path = user_path(values["path"], "path")
         self._bag = BagReader(self._path)
         self._stop = stop
         self._closing = threading.Event()

@@ -18,6 +18,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.files.home import user_path
 from oaisys_ros_bridge.bags.announced_samples import AnnouncedSamples
 from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, is_moving_tf
 from oaisys_ros_bridge.bags.losses import BagLosses
@@ -90,7 +91,8 @@ class RecorderNode(ParameterNode, Node):
         super().__init__("oaisys_recorder")
         values = self.declare_table(RECORDER, **defaults)
         self._selection = TopicSelection.of(self, values)
-        self._folder = Path(values["path"] or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
+        name = values["path"] or time.strftime("bag_%Y_%m_%d-%H_%M_%S")
+        self._folder = user_path(name, "path")
         require_free_space(self._folder)
         self._bag = BagWriter(self._folder)
         self._bag_lock = threading.Lock()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
+from oaisys_core.files.home import user_path
 from oaisys_mapping.voxels.config import WEIGHTINGS, WHEN_FULL, TsdfConfig
 from oaisys_ros_bridge.parameters.ground_maps import ground_map_rows
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
@@ -239,6 +239,7 @@ def tsdf_config(values: Mapping[str, Any]) -> TsdfConfig:
         InvalidInputError: There is no such volume.
     """
     semantic = values["use_semantics"]
+    store = values["store_folder"]
     block_bytes = TsdfConfig(semantic=semantic).bytes_per_block
     return TsdfConfig(
         voxel_size_m=values["voxel_size"],
@@ -247,7 +248,7 @@ def tsdf_config(values: Mapping[str, Any]) -> TsdfConfig:
         max_range_m=values["max_range"],
         max_blocks=max(1, int(values["max_memory_mb"] * _MEGABYTE / block_bytes)),
         when_full=values["when_full"],
-        store_folder=Path(values["store_folder"]) if values["store_folder"] else None,
+        store_folder=user_path(store, "store_folder") if store else None,
         weighting=values["weighting"],
         weigh_incidence=values["weigh_incidence"],
         max_weight=values["max_weight"],

@@ -9,6 +9,7 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.documents import parse_yaml, read_text
+from oaisys_core.files.home import user_path
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 WILDCARDS = ("**", "*")
@@ -88,7 +89,7 @@ def node_settings(params_file: str, log_level: str, *, use_sim_time: bool) -> No
         raise InvalidInputError("log_level", log_level, one_of(LOG_LEVELS, log_level))
     if not params_file:
         return NodeSettings(None, log_level, use_sim_time)
-    file = Path(params_file).absolute()
+    file = user_path(params_file, "params_file").absolute()
     return NodeSettings(file, log_level, use_sim_time, _by_node(file))
 
 

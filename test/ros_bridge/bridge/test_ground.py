@@ -153,6 +153,11 @@ def test_the_true_mesh_comes_in_the_answer_and_as_a_file(
     np.testing.assert_array_equal(read_truth(file).triangles, mesh.triangles)
     request = GetGroundTruthMesh.Request(path="/proc/nowhere/truth.ply")
     assert not user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request).success
+    # A folder called "~nosuchuser" was made where the bridge had been started.
+    request = GetGroundTruthMesh.Request(path="~nosuchuser/truth.ply")
+    refused = user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request)
+    assert not refused.success
+    assert "not 'nosuchuser'" in refused.message
 
 
 def maps_of(user: User, stamp: Any) -> tuple[GridMap, OccupancyGrid]:
