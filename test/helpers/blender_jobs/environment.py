@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from unittest import mock
 
+import bpy
 import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import settings
 
 from oaisys_core.render.blender import BlenderBackend, cycles
+from oaisys_core.render.blender.objects import sky as sky_objects
 from oaisys_core.scene import PlacedCamera, Scene, Sky
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV
@@ -42,6 +45,19 @@ def linear_views(
                 (frame,) = backend.render_all([only_rgb], wanted, ignore)
                 seen.append(frame.data / 255.0)
     return seen
+
+
+def has_sky_after_a_failure(sky: Sky, other: Sky) -> bool:
+    """Whether Blender's world has the image of a sky that is set again after another failed."""
+    lights = sky_objects.Lights()
+    lights.set(sky, None)
+    shortage = mock.patch.object(sky_objects, "_new_image", side_effect=MemoryError)
+    with shortage, suppress(MemoryError):
+        lights.set(other, None)
+    lights.set(sky, None)
+    nodes = bpy.context.scene.world.node_tree.nodes
+    images = [node.image for node in nodes if node.type == "TEX_ENVIRONMENT"]
+    return [image.name for image in images] == [sky.hdri.image.name if sky.hdri else ""]
 
 
 def linear_worlds(

@@ -15,6 +15,7 @@ from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
+from oaisys_core.files.versions import Version, version_of
 from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import id_of_level
 from oaisys_core.scene.sky import SkyImage
@@ -37,11 +38,18 @@ BRIGHTEST = 65504.0
 """Largest half float; it replaces infinite radiance."""
 
 
+Key = tuple[str, tuple[int, ...], tuple[Version, ...]]
+"""What an image is made of: its configuration, ids of other directions, and its files."""
+
+
 class SkyImages:
-    """Loads sky images and caches the last few, so that an image used again is the same object."""
+    """Loads sky images and caches the last few, so that an image used again is the same object.
+
+    A file that has changed is read again.
+    """
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[str, tuple[int, ...]], SkyImage] = OrderedDict()
+        self._kept: OrderedDict[Key, SkyImage] = OrderedDict()
 
     def load(self, config: HdriImageConfig, other_ids: tuple[int, ...]) -> SkyImage:
         """Return an image with its labels.
@@ -53,7 +61,8 @@ class SkyImages:
         Raises:
             InvalidInputError: A file cannot be read or is not equirectangular.
         """
-        key = (config.model_dump_json(include={"file", "labels_from"}), other_ids)
+        chosen = config.model_dump_json(include={"file", "labels_from"})
+        key = (chosen, other_ids, _versions_of(config))
         if key not in self._kept:
             maps = _label_maps(config.labels_from, other_ids)
             radiance = read_radiance(config.file)
@@ -65,6 +74,15 @@ class SkyImages:
 
     def _size_bytes(self) -> int:
         return sum(image.radiance.nbytes for image in self._kept.values())
+
+
+def _versions_of(config: HdriImageConfig) -> tuple[Version, ...]:
+    files = (config.file, *(labels.image for labels in config.labels_from))
+    try:
+        return tuple(version_of(file) for file in files)
+    except OSError as error:
+        expected = f"a file that is still there ({error.strerror})"
+        raise InvalidInputError("environment.hdri", str(error.filename), expected) from None
 
 
 def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:

@@ -18,6 +18,7 @@ from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.mesh_headers import MAX_VERTICES
 from oaisys_core.files.path_fields import is_confined
 from oaisys_core.files.references import folders_of, outside_error
+from oaisys_core.files.versions import Version, version_of
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_from_arrays
@@ -41,7 +42,7 @@ MAX_BLEND_BYTES = 4_000_000_000
 
 MAX_SLOW = 64
 LOOK_S = 0.05
-_slow: OrderedDict[tuple[Path, int, int], None] = OrderedDict()
+_slow: OrderedDict[Version, None] = OrderedDict()
 """Files that took too long, with their time and size: they are refused at once."""
 
 
@@ -95,8 +96,7 @@ def _read_blend(
         "time_s": int(time_s) + 5,
     }
     command = python_command("oaisys_core.render.blender.blend_program", json.dumps(task))
-    status = path.stat()
-    version = (path.resolve(), status.st_mtime_ns, status.st_size)
+    version = version_of(path)
     expected = f"a {path.suffix} file that loads within {time_s:g} s"
     if version in _slow:
         raise InvalidInputError(field, str(path), expected)

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from oaisys_core.config.sections.environment import HdriImageConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.environment.hdri import read_radiance
+from oaisys_core.procedural.environment.hdri import SkyImages, read_radiance
 
 HEIGHT = 8
 
@@ -52,3 +53,19 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     file.write_bytes(b"GIF89a")
     with pytest.raises(InvalidInputError, match=r"\.exr, \.hdr, \.png"):
         read_radiance(file)
+
+
+def test_an_image_is_read_again_once_its_file_has_changed(tmp_path: Path) -> None:
+    """A server went on with the old sky in all later worlds, without a word."""
+    file, images = tmp_path / "sky.hdr", SkyImages()
+    cv2.imwrite(str(file), panorama(np.float32, 0.25, 0.25, 0.25))
+    config = HdriImageConfig(file=file)
+    first = images.load(config, (1,))
+    assert images.load(config, (1,)) is first
+    cv2.imwrite(str(file), panorama(np.float32, 0.75, 0.75, 0.75))
+    second = images.load(config, (1,))
+    assert second is not first
+    np.testing.assert_allclose(second.radiance, 0.75, rtol=0.01)
+    file.unlink()
+    with pytest.raises(InvalidInputError, match=r"sky\.hdr.*still there"):
+        images.load(config, (1,))

@@ -80,6 +80,8 @@ class Background:
             return
         if self._image is not None:
             bpy.data.images.remove(self._image)
+        # Before the new one: what cannot be made must not count as there the next time.
+        self._image = self._image_of = None
         self._image = None if image is None else _new_image(image)
         self._image_of = image
 
@@ -185,9 +187,10 @@ class Lights:
         """Take over a sky and the ground's law; return whether they differ from those before."""
         if sky == self._sky and law == self._law:
             return False
+        self._sky = None  # until all of it is there
         if law is not None or self._law is not None:
             set_law(law, sky)
-        self._sky, self._law = sky, law
+        self._law = law
         self._sun.rotation_mode = "QUATERNION"
         self._sun.rotation_quaternion = Vector(sky.to_sun).to_track_quat("Z", "Y")
         lamp: Any = self._sun.data
@@ -198,4 +201,5 @@ class Lights:
         self._sun.hide_render = sky.lamp_w_m2 <= 0
         self._background.set(sky)
         set_haze(sky)
+        self._sky = sky
         return True

@@ -53,6 +53,13 @@ def from_texel_borders(rays: FloatArray, rotation_rad: float) -> NDArray[Any]:
     return np.minimum(np.abs(across - np.rint(across)), np.abs(down - np.rint(down)))
 
 
+def test_a_sky_that_failed_is_set_again() -> None:
+    """The image before it was taken for the present one, though it had been removed."""
+    image, other = labelled_image(), SkyImage("other", np.ones((8, 16, 3), np.float32))
+    skies = [replace(SUNNY, hdri=Hdri(each)) for each in (image, other)]
+    assert in_blender("environment.has_sky_after_a_failure", *skies)
+
+
 @pytest.mark.long
 def test_labels_lie_where_a_sky_image_shows_them() -> None:
     """In all directions, poles and seam among them, for any rotation."""
