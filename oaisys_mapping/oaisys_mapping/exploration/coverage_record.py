@@ -36,6 +36,16 @@ class CoverageRecord:
     ended: str = ""
     failed: bool = False
 
+    @property
+    def final_coverage(self) -> float:
+        """Coverage at the end; 0 without a view."""
+        return self.coverage[-1] if self.coverage else 0.0
+
+    @property
+    def length_m(self) -> float:
+        """Length flown until the end; 0 without a view."""
+        return self.path_m[-1] if self.path_m else 0.0
+
     def views_to(self, share: float) -> int | None:
         """Return the number of views after which coverage reached a share; None if it never did."""
         reached = np.flatnonzero(np.asarray(self.coverage) >= share)
@@ -149,7 +159,7 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
         most_views=max(successes, default=None),
         more_than_views=stopped_after if median_views is None else None,
         path_m=_median(paths_m),
-        final_coverage=float(np.median([(*record.coverage[-1:], 0.0)[0] for record in records])),
+        final_coverage=float(np.median([record.final_coverage for record in records])),
         plan_s=float(np.median([record.plan_s for record in records])),
         refused=sum(record.refused for record in records),
         least_clearance_m=min(clearances_m, default=None),

@@ -64,6 +64,7 @@ def test_a_world_without_a_view_counts_as_failed_and_leaves_the_rest():
     """Its coverage is empty, of which the comparison took the last entry."""
     seen = CoverageRecord("p", 1, [0.5, 0.95], [0.0, 10.0], 0.5, least_clearance_m=2.0)
     none = CoverageRecord("p", 2, [], [], 0.0, refused=1, ended="refused", failed=True)
+    assert (none.final_coverage, none.length_m, seen.length_m) == (0.0, 0.0, 10.0)
     (both,) = planner_results([none, seen], 0.9)
     assert (both.worlds, both.reached, both.failed, both.refused) == (2, 1, 1, 1)
     assert both.final_coverage == pytest.approx(0.475)

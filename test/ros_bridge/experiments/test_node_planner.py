@@ -99,6 +99,7 @@ def test_where_all_planners_fail_the_first_one_is_quoted(world, tmp_path, ros_do
         ("mav=", "NAME=COMMAND"),
         ("random=ls", "no built-in planner"),
         ("a,b=ls", "without comma"),
+        ("../../mav=ls", "a name of at most"),
         ("mav=/no/such/program", "a program that can be run"),
     ],
 )

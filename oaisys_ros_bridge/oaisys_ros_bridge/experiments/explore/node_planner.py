@@ -18,6 +18,7 @@ from oaisys_core.errors import (
     OaisysError,
     RenderError,
 )
+from oaisys_core.files.names import NAME_EXPECTED, is_name
 from oaisys_core.system.owner import command_with_owner
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.types import Pose
@@ -60,6 +61,8 @@ def node_planner(text: str, silence_s: float) -> NodePlanner:
         raise InvalidInputError("--node", text, "NAME=COMMAND")
     if name in BUILT_IN_PLANNERS or "," in name:
         raise InvalidInputError("--node", name, "a name without comma that no built-in planner has")
+    if not is_name(name):  # of its log
+        raise InvalidInputError("--node", name, NAME_EXPECTED)
     if shutil.which(words[0]) is None:
         raise InvalidInputError("--node", words[0], "a program that can be run")
     return NodePlanner(name, words, silence_s)
