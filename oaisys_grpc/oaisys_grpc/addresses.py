@@ -9,8 +9,10 @@ import socket
 import stat
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import quote
 
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.files.home import user_path
 from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
@@ -60,9 +62,24 @@ def host_and_port(address: str) -> tuple[str, str]:
 
 
 def unix_path(address: str) -> Path:
-    """Return the path in ``unix:PATH`` or ``unix:///PATH``."""
+    """Return the path in ``unix:PATH`` or ``unix:///PATH``.
+
+    Raises:
+        InvalidInputError: It begins with ``~`` of a user who does not exist.
+    """
     path = address.removeprefix(UNIX)
-    return Path("/", path.lstrip("/")) if path.startswith("//") else Path(path)
+    if path.startswith("//"):
+        return Path("/", path.lstrip("/"))
+    return user_path(path, "--address")
+
+
+def grpc_target(address: str) -> str:
+    """Return an address as gRPC takes it: as a URI, in which %, ? and # have a meaning.
+
+    >>> grpc_target("unix:/tmp/100%/server"), grpc_target("127.0.0.1:50051")
+    ('unix:/tmp/100%25/server', '127.0.0.1:50051')
+    """
+    return UNIX + quote(str(unix_path(address))) if address.startswith(UNIX) else address
 
 
 @contextlib.contextmanager

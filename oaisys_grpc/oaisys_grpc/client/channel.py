@@ -21,6 +21,7 @@ from oaisys_core.errors import (
     WorkerStartingError,
 )
 from oaisys_core.types import ModuleMetadata, Pose
+from oaisys_grpc.addresses import grpc_target
 from oaisys_grpc.contract.connection_names import new_client_entry
 from oaisys_grpc.contract.errors import REASON_KEY, error_from_rpc
 from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto
@@ -54,12 +55,13 @@ class Channel:
         Raises:
             InvalidInputError: A certificate or key cannot be used.
         """
+        target = grpc_target(address)
         self.address = address
         self._metadata = (new_client_entry(),)
         if tls is None:
-            self._channel = grpc.insecure_channel(address, options=_OPTIONS)
+            self._channel = grpc.insecure_channel(target, options=_OPTIONS)
         else:
-            self._channel = grpc.secure_channel(address, tls.credentials(), options=_OPTIONS)
+            self._channel = grpc.secure_channel(target, tls.credentials(), options=_OPTIONS)
         self._stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
 

@@ -17,7 +17,13 @@ from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensing.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.signals import end_service_at_signals
-from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
+from oaisys_grpc.addresses import (
+    UNIX,
+    grpc_target,
+    host_and_port,
+    private_socket,
+    remove_socket,
+)
 from oaisys_grpc.contract.transfer import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
@@ -183,12 +189,13 @@ class SimulatorServer:
     def _bind(self, address: str) -> str:
         tls = self._options.tls
         credentials = None if tls is None else tls.credentials()
+        target = grpc_target(address)
         try:
             with private_socket(address):
                 if credentials is None:
-                    port = self._server.add_insecure_port(address)
+                    port = self._server.add_insecure_port(target)
                 else:
-                    port = self._server.add_secure_port(address, credentials)
+                    port = self._server.add_secure_port(target, credentials)
         except RuntimeError as error:
             raise OaisysError(f"cannot listen on {address}: {error}") from error
         return address if address.startswith(UNIX) else f"{host_and_port(address)[0]}:{port}"
