@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from oaisys_core.system.owner import owner_variables
+from oaisys_core.system.ending.owner import owner_variables
 from oaisys_core.system.python_programs import python_environment
 
 ROOT = Path(__file__).parents[1]

@@ -6,8 +6,8 @@ import sys
 from importlib import import_module
 
 from oaisys_core.errors import ShortageError
-from oaisys_core.system.owner import follow_owner
-from oaisys_core.system.signals import exit_at_signals
+from oaisys_core.system.ending.owner import follow_owner
+from oaisys_core.system.ending.signals import exit_at_signals
 
 
 def bridge() -> int:

@@ -25,7 +25,6 @@ from tools.bench.calibration import calibrate
 from tools.bench.child import pin
 from tools.bench.figures import Figure
 from tools.bench.panel_table import HEADINGS, panel_rows
-from tools.bench.random_views import FREE_M, StageSurface, random_views, shows_stage
 from tools.bench.references import top_octave_share
 from tools.bench.report import markdown
 from tools.bench.settings import Settings
@@ -34,8 +33,9 @@ from tools.bench.topics.against import compare, comparison_figures
 from tools.bench.topics.cores import core_figures, seconds_by_amdahl, serial_share
 from tools.bench.topics.draft import draft_figures
 from tools.bench.topics.panel import choose_worlds, panel_figures
-from tools.bench.views import VIEWS, PosedView, by_light
-from tools.bench.worlds import SIX_VIEWS, WORLDS, world_file, world_mapping
+from tools.bench.worlds.demo_views import VIEWS, PosedView, by_light
+from tools.bench.worlds.panel import SIX_VIEWS, WORLDS, world_file, world_mapping
+from tools.bench.worlds.random_views import FREE_M, StageSurface, random_views, shows_stage
 
 TIMEOUT_S = 500
 

@@ -16,7 +16,7 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_core.raycast.clearance import MAX_EXTENTS
 from oaisys_core.raycast.surface import BAND_PIXELS, bands
 from oaisys_core.simulation import Simulation
-from oaisys_core.system.interruption import interruptible, stop_if_unwanted
+from oaisys_core.system.ending.interruption import interruptible, stop_if_unwanted
 from oaisys_core.types import ModuleMetadata, Pose
 
 WIDTH_PX = 64

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from oaisys_core.errors import CancelledError
-from oaisys_core.system.interruption import (
+from oaisys_core.system.ending.interruption import (
     interruptible,
     make_wanted_check,
     stop_if_unwanted,

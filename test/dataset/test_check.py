@@ -23,7 +23,9 @@ from oaisys_dataset.cli.dataset import dataset_app
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import world_tasks
-from oaisys_dataset.rendering import dataset_info
+from oaisys_dataset.rendering.dataset_rendering import dataset_info
+from oaisys_dataset.rendering.workers import write_world
+from oaisys_dataset.rendering.world_render import WorldRenderer
 from oaisys_dataset.shards import (
     HEAD,
     manifest_name,
@@ -31,8 +33,6 @@ from oaisys_dataset.shards import (
     write_failure,
     writing_shard,
 )
-from oaisys_dataset.workers import write_world
-from oaisys_dataset.world_render import WorldRenderer
 
 WORLDS = {0: "train", 1: "train", 2: "val"}
 VIEWS = 3

@@ -26,7 +26,7 @@ from oaisys_dataset.formats.export import export_dataset
 from oaisys_dataset.manifest import DatasetInfo, WorldFailure
 from oaisys_dataset.merging import merge_datasets
 from oaisys_dataset.places import open_place
-from oaisys_dataset.rendering import DatasetRendering, dataset_info
+from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, dataset_info
 from oaisys_dataset.repeat import repeat_records
 from oaisys_dataset.shards import HEAD, manifest_name, tar_name, write_failure, writing_shard
 

@@ -10,10 +10,10 @@ from oaisys_core.config import config_from_mapping
 from oaisys_dataset.manifest import WorldFailure
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import WorldTask
-from oaisys_dataset.rendering import dataset_info
+from oaisys_dataset.rendering.dataset_rendering import dataset_info
+from oaisys_dataset.rendering.workers import write_world
+from oaisys_dataset.rendering.world_render import WorldRenderer
 from oaisys_dataset.shards import HEAD
-from oaisys_dataset.workers import write_world
-from oaisys_dataset.world_render import WorldRenderer
 
 SMALL: dict[str, Any] = {
     "backend": "analytic",

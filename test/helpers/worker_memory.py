@@ -17,7 +17,7 @@ from small_datasets import SCANNED, SMALL
 from oaisys_core.config import canonical_json, config_from_mapping
 from oaisys_dataset.manifest import WorldLegend
 from oaisys_dataset.plan import WorldTask
-from oaisys_dataset.workers import render_world
+from oaisys_dataset.rendering.workers import render_world
 
 (CAMERA,) = SMALL["sensors"]["cameras"]
 LARGER = {"width_px": 192, "height_px": 144, "fx_px": 160.0, "fy_px": 150.0}

@@ -32,7 +32,7 @@ from tools.bench.topics import (
     reproducibility,
     transport,
 )
-from tools.bench.worlds import SIX_VIEWS, WORLDS
+from tools.bench.worlds.panel import SIX_VIEWS, WORLDS
 
 
 class Topic(NamedTuple):

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.system.owner import follow_owner
+from oaisys_core.system.ending.owner import follow_owner
 from oaisys_core.system.python_programs import python_command
 from tools.bench.settings import Say, Settings
 from tools.programs import ROOT, tool_environment

@@ -21,7 +21,7 @@ LINE_EVERY_S = 5.0
 BAR_EVERY_S = 0.5
 _BAR_WIDTH = 20
 
-_OWNER = Path(__file__).parents[2] / "oaisys_core/oaisys_core/system/owner.py"
+_OWNER = Path(__file__).parents[2] / "oaisys_core/oaisys_core/system/ending/owner.py"
 _WITH_OWNER = (sys.executable, "-I", "-S", str(_OWNER))
 """Has a program end if the set-up is killed; by its file, as nothing is installed yet."""
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 
-from oaisys_core.system.owner import command_with_owner
+from oaisys_core.system.ending.owner import command_with_owner
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class

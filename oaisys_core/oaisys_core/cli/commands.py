@@ -21,7 +21,7 @@ from oaisys_core.cli.options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.cli.rendering import render
+from oaisys_core.cli.rendering.run import render
 from oaisys_core.cli.standard_output import write_or_print
 
 __all__ = ["config_app", "render"]

@@ -203,7 +203,7 @@ def _record(
     """Drive, write files and bag, and return what was recorded."""
     from rich.console import Console
 
-    from oaisys_core.cli.render_progress import RenderProgress
+    from oaisys_core.cli.rendering.progress import RenderProgress
     from oaisys_core.drive.recorded_drive import (
         PictureCollector,
         description_of,

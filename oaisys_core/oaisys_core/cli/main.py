@@ -24,8 +24,8 @@ from typer.core import TyperGroup
 from oaisys_core.cli.help_texts import add_examples, epilog_of, group_names
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.files.home import user_path
+from oaisys_core.system.ending.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.system.shortages import shortage
-from oaisys_core.system.signals import end_at_signal, interrupt_at_signals, work_in_child
 from oaisys_core.system.standard_streams import printable
 
 COMMAND_GROUP = "oaisys.commands"
@@ -43,8 +43,8 @@ EXIT_INTERRUPTED = 130
 IN_CHILD = frozenset(
     {"audit", "certificate", "dataset", "drive", "evaluate", "heights", "render", "repeat"}
 )
-"""Commands that work in a child process, see `oaisys_core.system.signals`; others that take long
-start and end processes of their own, and handle signals themselves."""
+"""Commands that work in a child process, see `oaisys_core.system.ending.signals`; others that take
+long start and end processes of their own, and handle signals themselves."""
 
 GRACE_S = {"drive": 4.0}
 """How long a command may take to complete its files at a signal; a drive closes its bag."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from oaisys_core.system.owner import follow_owner
-from oaisys_core.system.signals import exit_at_signals
+from oaisys_core.system.ending.owner import follow_owner
+from oaisys_core.system.ending.signals import exit_at_signals
 from oaisys_core.system.standard_streams import open_standard_streams
 
 

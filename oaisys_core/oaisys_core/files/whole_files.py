@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from oaisys_core.files.folders import make_folder
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed
 
 
 @contextmanager

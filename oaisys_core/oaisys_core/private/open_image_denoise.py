@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
+from oaisys_core.system.ending.interruption import make_wanted_check, stop_if_unwanted
 from oaisys_core.system.fallbacks import report_fallback
-from oaisys_core.system.interruption import make_wanted_check, stop_if_unwanted
 
 Image = NDArray[np.float32]
 

@@ -19,7 +19,7 @@ from oaisys_core.raycast.instances import (
 )
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
 from oaisys_core.raycast.triangles import NO_ELEMENT, open3d_scene
-from oaisys_core.system.interruption import stop_if_unwanted
+from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray
 
 BOX_MARGIN = 0.01

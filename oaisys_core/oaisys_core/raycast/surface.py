@@ -26,7 +26,7 @@ from oaisys_core.raycast.triangles import (
     TriangleTarget,
 )
 from oaisys_core.scene import HeightField, PlacedCamera, Scene, id_of_level
-from oaisys_core.system.interruption import stop_if_unwanted
+from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
 
 CORES = len(os.sched_getaffinity(0))

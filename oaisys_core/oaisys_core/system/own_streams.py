@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
-from oaisys_core.system.last_words import say_if_ended
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.last_words import say_if_ended
+from oaisys_core.system.ending.leftovers import remove_when_killed
 
 STREAMS = {"stdout": 1, "stderr": 2}
 """The file descriptor of each of Python's streams."""

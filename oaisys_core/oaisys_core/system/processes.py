@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
-from oaisys_core.system.owner import owner_variables
+from oaisys_core.system.ending.owner import owner_variables
+from oaisys_core.system.ending.signals import defer_signals
 from oaisys_core.system.private_files import open_private
 from oaisys_core.system.python_programs import python_environment
-from oaisys_core.system.signals import defer_signals
 
 _LOG = logging.getLogger(__name__)
 

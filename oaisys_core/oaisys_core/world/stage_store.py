@@ -23,7 +23,7 @@ from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import parse_json
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.scene import Ground, HeightField
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed
 
 FORMAT = 1
 

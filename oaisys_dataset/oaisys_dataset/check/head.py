@@ -15,7 +15,7 @@ from oaisys_dataset.manifest import DatasetInfo
 from oaisys_dataset.merging.layout import worlds_sha256
 from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.plan import WorldTask, world_tasks
-from oaisys_dataset.rendering import first_difference
+from oaisys_dataset.rendering.dataset_rendering import first_difference
 from oaisys_dataset.shards import (
     HEAD,
     SHARDS,

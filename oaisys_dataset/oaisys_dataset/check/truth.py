@@ -47,8 +47,8 @@ from oaisys_dataset.manifest import DatasetInfo, FrameRecord, WorldLegend
 from oaisys_dataset.manifest_lines import RecordT
 from oaisys_dataset.objects import frame_objects, rows_of
 from oaisys_dataset.reader import Dataset, DatasetSample
+from oaisys_dataset.rendering.world_render import all_objects, seconds_per_view
 from oaisys_dataset.scans import ScanRecord
-from oaisys_dataset.world_render import all_objects, seconds_per_view
 
 VIEWS = 3
 """Views of a rebuilt world whose images are audited."""

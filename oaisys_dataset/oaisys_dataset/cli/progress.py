@@ -11,7 +11,7 @@ import typer
 from oaisys_core.system.progress_display import ProgressDisplay
 
 if TYPE_CHECKING:
-    from oaisys_dataset.rendering import DatasetSummary
+    from oaisys_dataset.rendering.dataset_rendering import DatasetSummary
 
 
 class DatasetProgress(ProgressDisplay):

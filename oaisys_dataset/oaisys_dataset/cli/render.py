@@ -14,12 +14,12 @@ from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_dataset.cli.export import PlaceArgument, export_place, write_export
 from oaisys_dataset.plan import MAX_WORLDS, SPLITS, parse_splits
-from oaisys_dataset.ray_session import MEMORY_PER_WORKER_GB, RaySettings
+from oaisys_dataset.rendering.ray_session import MEMORY_PER_WORKER_GB, RaySettings
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig
     from oaisys_dataset.places import StoragePlace
-    from oaisys_dataset.rendering import DatasetRendering, DatasetSummary
+    from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, DatasetSummary
 
 OUT = "out/dataset"
 """Folder of a data set, by default."""
@@ -85,8 +85,8 @@ def render(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import adjust, load_config
     from oaisys_dataset.places import open_place
-    from oaisys_dataset.rendering import DatasetRendering, dataset_info
-    from oaisys_dataset.views import check_views_differ
+    from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, dataset_info
+    from oaisys_dataset.rendering.views import check_views_differ
 
     shares = parse_splits(splits)
     place = open_place(out)

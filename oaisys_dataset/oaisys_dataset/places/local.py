@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from oaisys_core.errors import RenderError
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed
 from oaisys_dataset.places.reading import require_found
 
 PART = ".part"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
 from oaisys_core.errors import RenderError
-from oaisys_core.system.leftovers import temporary_folder
+from oaisys_core.system.ending.leftovers import temporary_folder
 from oaisys_dataset.places.reading import require_found
 
 if TYPE_CHECKING:

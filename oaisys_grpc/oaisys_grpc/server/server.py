@@ -16,14 +16,8 @@ from grpc_reflection.v1alpha import reflection
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensing.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
-from oaisys_core.system.signals import end_service_at_signals
-from oaisys_grpc.addresses import (
-    UNIX,
-    grpc_target,
-    host_and_port,
-    private_socket,
-    remove_socket,
-)
+from oaisys_core.system.ending.signals import end_service_at_signals
+from oaisys_grpc.addresses import UNIX, grpc_target, host_and_port, private_socket, remove_socket
 from oaisys_grpc.contract.transfer import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer

@@ -25,7 +25,7 @@ from typing import Any
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.files.path_fields import confine_paths
 from oaisys_core.simulation import Simulation
-from oaisys_core.system.interruption import interruptible
+from oaisys_core.system.ending.interruption import interruptible
 from oaisys_core.system.shortages import shortage
 from oaisys_core.types import SimulatorInfo
 from oaisys_grpc.contract.faults import fault_from_error

@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 
 from oaisys_core.errors import quote
-from oaisys_core.system.owner import follow_owner, owner_variables
+from oaisys_core.system.ending.owner import follow_owner, owner_variables
 from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_core.types import Pose
 from oaisys_mapping.exploration.occupancy_map import OccupancyMap

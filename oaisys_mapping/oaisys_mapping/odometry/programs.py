@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.system.owner import command_with_owner
+from oaisys_core.system.ending.owner import command_with_owner
 from oaisys_core.system.python_programs import python_environment
 
 TIMEOUT_S = 1800.0

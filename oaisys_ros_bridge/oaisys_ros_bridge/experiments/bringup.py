@@ -18,9 +18,9 @@ import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL
+from oaisys_core.system.ending.signals import defer_signals
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
-from oaisys_core.system.signals import defer_signals
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_ros_bridge.experiments.configuration import (
     ConfiguredSensors,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_core.files.folders import make_folder
-from oaisys_core.system.owner import owner_variables
+from oaisys_core.system.ending.owner import owner_variables
 from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_core.types import DEPTH, is_rendered
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from oaisys_core.system.signals import RECEIVED, end_service_at_signals
+from oaisys_core.system.ending.signals import RECEIVED, end_service_at_signals
 
 ORDER_S = 5.0
 """How long everything that an experiment has started may take to end."""

@@ -14,7 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext
-from oaisys_core.system.owner import command_with_owner
+from oaisys_core.system.ending.owner import command_with_owner
 from oaisys_ros_bridge.launching.arguments import Argument
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings, node_settings

@@ -8,7 +8,7 @@ from launch.action import Action
 from launch.actions import ExecuteProcess
 
 from launch import LaunchContext
-from oaisys_core.system.owner import owner_variables
+from oaisys_core.system.ending.owner import owner_variables
 from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import end_all, value_of
 from oaisys_ros_bridge.launching.readiness import on_ready

@@ -9,7 +9,7 @@ from launch.action import Action
 from launch.actions import ExecuteProcess, OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription
-from oaisys_core.system.owner import owner_variables
+from oaisys_core.system.ending.owner import owner_variables
 from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import declare, end_all, rviz, value_of
 from oaisys_ros_bridge.launching.arguments import RVIZ, Argument, command_line, ros_environment

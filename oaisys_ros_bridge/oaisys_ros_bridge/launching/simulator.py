@@ -16,7 +16,7 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchContext
-from oaisys_core.system.owner import command_with_owner, owner_variables
+from oaisys_core.system.ending.owner import command_with_owner, owner_variables
 from oaisys_core.system.python_programs import python_command
 from oaisys_ros_bridge.bags.rosbag2_command import rosbag2_command
 from oaisys_ros_bridge.launching.actions import (

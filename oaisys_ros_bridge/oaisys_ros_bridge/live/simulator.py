@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
+from oaisys_core.system.ending.signals import defer_signals
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
-from oaisys_core.system.signals import defer_signals
 from oaisys_grpc.client.simulator_client import ClientTls, SimulatorClient
 from oaisys_ros_bridge.experiments.bringup import (
     START_TIMEOUT_S,

@@ -7,8 +7,8 @@ Raises:
 import sys
 
 from oaisys_core.errors import ShortageError
-from oaisys_core.system.owner import follow_owner
-from oaisys_core.system.signals import exit_at_signals
+from oaisys_core.system.ending.owner import follow_owner
+from oaisys_core.system.ending.signals import exit_at_signals
 from oaisys_ros_bridge.shared_memory import require_shared_memory
 
 _IS_PROGRAM = sys.argv[:1] == ["-m"]  # as in `python -m oaisys_ros_bridge.nodes.bridge`

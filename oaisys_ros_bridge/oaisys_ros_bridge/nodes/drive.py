@@ -13,7 +13,7 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError
-from oaisys_core.system.signals import interrupt_at_signals
+from oaisys_core.system.ending.signals import interrupt_at_signals
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.bags.recorder_client import RecorderClient
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of

@@ -17,8 +17,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.system.ending.signals import end_service_at_signals
 from oaisys_core.system.shortages import shortage
-from oaisys_core.system.signals import end_service_at_signals
 from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport

@@ -13,7 +13,7 @@ from repository import REPOSITORY
 from rich.console import Console
 from waiting import wait_until
 
-from oaisys_core.cli.render_progress import RenderProgress
+from oaisys_core.cli.rendering.progress import RenderProgress
 from oaisys_core.config import SimulationConfig, config_from_mapping, load_config
 from oaisys_core.output.poses import read_poses
 from oaisys_core.types import Progress

@@ -12,7 +12,7 @@ from repository import REPOSITORY
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app, main
-from oaisys_core.cli.metadata_file import load_steps
+from oaisys_core.cli.rendering.metadata_file import load_steps
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.simulation import Simulation

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from oaisys_core.cli.metadata_file import load_steps
+from oaisys_core.cli.rendering.metadata_file import load_steps
 from oaisys_core.config import load_config
 from oaisys_core.errors import ConfigError, InvalidInputError, quote
 from oaisys_core.files.documents import (

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from oaisys_dataset.private import ray_job_config, ray_messages, ray_options
-from oaisys_dataset.ray_session import RaySettings, ray_session
+from oaisys_dataset.rendering.ray_session import RaySettings, ray_session
 
 
 @pytest.mark.long

@@ -14,10 +14,10 @@ from synthetic_worlds import camera, rocky_world, settings
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.render.blender import BlenderBackend, compat, cycles, postprocessing
-from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.postprocessing import RenderResult, blenders_denoiser
 from oaisys_core.render.blender.time_budget import DENOISING_COSTS, DenoisingQuality
-from oaisys_core.system.interruption import interruptible
+from oaisys_core.system.ending.interruption import interruptible
 from oaisys_core.types import RGB
 
 Image = NDArray[np.float32]

@@ -29,7 +29,7 @@ from oaisys_core.private import (
 )
 from oaisys_core.render.blender import BlenderBackend, postprocessing
 from oaisys_core.system import fallbacks
-from oaisys_core.system.interruption import interruptible
+from oaisys_core.system.ending.interruption import interruptible
 from oaisys_core.types import RGB, Progress
 
 CACHED = (

@@ -13,7 +13,7 @@ from typing import Any
 
 import bpy
 
-from oaisys_core.render.blender.materials.ground import GroundMaterials
+from oaisys_core.render.blender.materials.ground.material import GroundMaterials
 from oaisys_core.render.blender.materials.haze import set_haze
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.materials.photometric import set_law

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from oaisys_core.system.signals import RECEIVED, defer_signals
+from oaisys_core.system.ending.signals import RECEIVED, defer_signals
 from oaisys_ros_bridge.experiments.interruption import (
     interrupt_on_signals,
     raise_if_interrupted,

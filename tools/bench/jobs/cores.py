@@ -11,7 +11,7 @@ import bpy
 from tools.bench.calibration import SpeedCalibration
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS
+from tools.bench.worlds.demo_views import VIEWS
 
 QUALITIES = ("geometry", "preview", "standard")
 ROUNDS, QUICK_VIEWS = 2, 2

@@ -8,7 +8,7 @@ from typing import Any
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.references import Image, psnr_db, ssim
 from tools.bench.settings import Say, Settings, camera
-from tools.bench.views import PosedView
+from tools.bench.worlds.demo_views import PosedView
 
 QUALITIES = ("geometry", "draft")
 JUDGE = "standard"

@@ -19,7 +19,7 @@ from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, ModuleMetadata, Pose
 from tools.bench.cycles_passes import reference_images
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
-from tools.bench.views import random_poses
+from tools.bench.worlds.demo_views import random_poses
 
 MODALITIES = (DEPTH, SEMANTIC_0, INSTANCE)
 VIEWS, QUICK_PRESETS = 2, 3

@@ -10,7 +10,7 @@ from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.machine import peak_memory_mb
 from tools.bench.settings import Say, Settings, camera
-from tools.bench.views import VIEWS
+from tools.bench.worlds.demo_views import VIEWS
 
 CAMERA_STEP_M = 0.15
 TURN_QUALITIES = ("geometry", "preview")

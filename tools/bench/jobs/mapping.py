@@ -19,7 +19,7 @@ from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS
 from oaisys_mapping.voxels.blocks import INITIAL_BLOCKS
-from tools.bench.jobs.processes import SMALL_WORLD
+from tools.bench.jobs.transport.processes import SMALL_WORLD
 from tools.bench.settings import Say, Settings, camera
 
 EXTENT_M = 100.0

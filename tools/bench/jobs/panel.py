@@ -22,11 +22,11 @@ from tools.bench.calibration import SpeedCalibration, calibrate
 from tools.bench.jobs.quality import REFERENCE_SAMPLES as SIX_VIEWS_SAMPLES
 from tools.bench.jobs.quality import reference_image
 from tools.bench.jobs.world import Observer, simulation_of, world_config
-from tools.bench.random_views import StageSurface, random_views
 from tools.bench.references import Image, ReferenceImage, psnr_db, sha256, ssim, top_octave_share
 from tools.bench.settings import Say, Settings, camera
-from tools.bench.views import VIEWS, PosedView, by_light
-from tools.bench.worlds import SIX_VIEWS
+from tools.bench.worlds.demo_views import VIEWS, PosedView, by_light
+from tools.bench.worlds.panel import SIX_VIEWS
+from tools.bench.worlds.random_views import StageSurface, random_views
 
 QUALITIES = ("geometry", "preview", "standard")
 COLORED = QUALITIES[1:]

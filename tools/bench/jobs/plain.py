@@ -17,7 +17,7 @@ import cv2
 from oaisys_core.types import RGB
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS
+from tools.bench.worlds.demo_views import VIEWS
 
 PLAIN_SAMPLES, QUICK_SAMPLES = 128, 4
 PRESETS = ("geometry", "preview", "standard")

@@ -18,7 +18,7 @@ from tools.bench.references import (
     top_octave_share,
 )
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS, BenchView, PosedView
+from tools.bench.worlds.demo_views import VIEWS, BenchView, PosedView
 
 REFERENCE_SAMPLES, QUICK_REFERENCE_SAMPLES = 512, 64
 CAMERA_STEP_M = 0.15

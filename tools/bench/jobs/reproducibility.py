@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.types import RGB
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS
+from tools.bench.worlds.demo_views import VIEWS
 
 QUALITIES = ("preview", "standard")
 

@@ -10,7 +10,7 @@ import bpy
 
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS, random_poses
+from tools.bench.worlds.demo_views import VIEWS, random_poses
 
 STEADY_SAMPLES = 3
 CAMERA_STEP_M = 0.15

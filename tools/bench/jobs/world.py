@@ -17,8 +17,8 @@ from oaisys_core.errors import BackendUnavailableError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample, merge
 from tools.bench.settings import Settings
-from tools.bench.views import NOON, PosedView
-from tools.bench.worlds import DEMO, world_file, world_mapping
+from tools.bench.worlds.demo_views import NOON, PosedView
+from tools.bench.worlds.panel import DEMO, world_file, world_mapping
 
 
 def world_config(

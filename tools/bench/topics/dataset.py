@@ -8,11 +8,11 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from tools.bench.child import run_job
-from tools.bench.dataset_worlds import VIEWS_AHEAD
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
 from tools.bench.topics.panel import ALL
-from tools.bench.worlds import DEMO, WORLDS
+from tools.bench.worlds.dataset import VIEWS_AHEAD
+from tools.bench.worlds.panel import DEMO, WORLDS
 
 QUALITIES = ("geometry", "preview", "standard")
 QUICK_QUALITIES = QUALITIES[:2]

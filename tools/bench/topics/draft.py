@@ -10,7 +10,7 @@ from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
 from tools.bench.topics.panel import QUICK_VIEWS, VIEWS, choose_worlds
-from tools.bench.worlds import SIX_VIEWS
+from tools.bench.worlds.panel import SIX_VIEWS
 
 SECONDS, SLOWEST_SECONDS, SMALL_SECONDS = 0.25, 0.35, 0.08
 PSNR_DB, SSIM, BRIGHTNESS_PERCENT = 26.0, 0.80, 5.0

@@ -10,7 +10,7 @@ from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
 from tools.bench.topics import against
-from tools.bench.worlds import DEMO, QUICK_WORLDS, SIX_VIEWS, WORLDS
+from tools.bench.worlds.panel import DEMO, QUICK_WORLDS, SIX_VIEWS, WORLDS
 
 VIEWS, QUICK_VIEWS = 3, 2
 TIMEOUT_S = 4 * 3600.0

@@ -12,7 +12,7 @@ from typing import Any
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
-from tools.bench.worlds import DEMO
+from tools.bench.worlds.panel import DEMO
 
 QUALITIES, QUICK_QUALITIES = ("preview", "standard", "high"), ("preview",)
 GRID, QUICK_GRID = (6, 5), (4, 3)

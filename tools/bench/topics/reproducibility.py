@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-from oaisys_core.system.owner import command_with_owner
+from oaisys_core.system.ending.owner import command_with_owner
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part

@@ -40,7 +40,7 @@ def transfer(settings: Settings, say: Say) -> list[Figure]:
     figures = []
     for index, way in enumerate(ways):
         found = run_job(
-            "transfer.samples",
+            "transport.transfer.samples",
             settings,
             say_of_part(say, index, len(ways), way.stem),
             size_px=way.size_px,
@@ -70,7 +70,7 @@ def _transfer_figures(way: Way, found: dict[str, Any]) -> list[Figure]:
 
 def publish(settings: Settings, say: Say) -> list[Figure]:
     """Return milliseconds until all messages are there, and of the bridge's processor time."""
-    found = run_job("ros.publishing", settings, say)
+    found = run_job("transport.ros.publishing", settings, say)
     return [
         figure(
             "publish_ms",
@@ -92,7 +92,7 @@ def publish(settings: Settings, say: Say) -> list[Figure]:
 def end_to_end(settings: Settings, say: Say) -> list[Figure]:
     """Return seconds by preset: all, the worker's share, the rest, and until depth is there."""
     figures = []
-    for preset, found in run_job("ros.end_to_end", settings, say).items():
+    for preset, found in run_job("transport.ros.end_to_end", settings, say).items():
         stem = f"end_to_end_{preset}"
         rest_ms = [
             1e3 * (last - render)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from oaisys_core.system.signals import work_in_child
+from oaisys_core.system.ending.signals import work_in_child
 
 
 def run() -> None:

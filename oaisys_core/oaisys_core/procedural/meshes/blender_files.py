@@ -22,9 +22,9 @@ from oaisys_core.files.versions import Version, version_of
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_from_arrays
-from oaisys_core.system.interruption import stop_if_unwanted
-from oaisys_core.system.leftovers import temporary_folder
-from oaisys_core.system.owner import owner_variables
+from oaisys_core.system.ending.interruption import stop_if_unwanted
+from oaisys_core.system.ending.leftovers import temporary_folder
+from oaisys_core.system.ending.owner import owner_variables
 from oaisys_core.system.python_programs import python_command, python_environment
 
 LOG = logging.getLogger(__name__)

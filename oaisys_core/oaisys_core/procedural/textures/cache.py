@@ -18,7 +18,7 @@ import numpy as np
 
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.scene import PbrMaps
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed
 
 LOG = logging.getLogger(__name__)
 

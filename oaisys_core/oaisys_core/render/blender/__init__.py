@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import BackendUnavailableError
-from oaisys_core.system.leftovers import keep_temporary_files
+from oaisys_core.system.ending.leftovers import keep_temporary_files
 
 try:
     keep_temporary_files()

@@ -14,7 +14,7 @@ import traceback
 from pathlib import Path
 
 from oaisys_core.files.access_limits import limit_access, limit_resources
-from oaisys_core.system.owner import follow_owner
+from oaisys_core.system.ending.owner import follow_owner
 
 MEMORY_BYTES = 8_000_000_000
 """What it may take, for one file."""

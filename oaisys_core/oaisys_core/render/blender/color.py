@@ -29,7 +29,7 @@ from oaisys_core.render.blender.camera import (
 )
 from oaisys_core.render.blender.cycles import Cycles, albedo_of
 from oaisys_core.render.blender.ground_check import GroundCheck, GroundPlaces
-from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.sky import Lights
 from oaisys_core.render.blender.postprocessing import RenderResult
 from oaisys_core.render.blender.time_budget import (

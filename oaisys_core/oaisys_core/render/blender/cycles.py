@@ -15,7 +15,7 @@ from oaisys_core.errors import RenderError
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR
 from oaisys_core.render.blender.cycles_render import render_scene
 from oaisys_core.render.blender.devices import use_device
-from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.mesh_materials import CUT_OUT_LAYERS, has_cut_outs
 from oaisys_core.render.blender.postprocessing import (
     BACKGROUND_M,

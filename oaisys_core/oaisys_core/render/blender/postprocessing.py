@@ -32,8 +32,8 @@ from oaisys_core.private.open_image_denoise import (
     blenders_open_image_denoise,
 )
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATERIAL_INDEX
-from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
-from oaisys_core.render.blender.materials.narrow_patches import MOST_SAMPLES, share_albedo
+from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.narrow_patches import MOST_SAMPLES, share_albedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.sensing.render_settings import RenderSettings

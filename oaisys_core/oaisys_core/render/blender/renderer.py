@@ -16,7 +16,7 @@ from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.blender.adaptive_samples import adapt
 from oaisys_core.render.blender.color import ColorImages, ColorRenderer
 from oaisys_core.render.blender.cycles import Cycles
-from oaisys_core.render.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.lamps import LampObjects
 from oaisys_core.render.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.render.blender.objects.sky import Lights

@@ -26,7 +26,7 @@ from oaisys_dataset.formats.base import (
 from oaisys_dataset.formats.objects.bop_models import BopModels
 from oaisys_dataset.formats.objects.kitti_object import check_rectified
 from oaisys_dataset.formats.objects.selection import object_rows
-from oaisys_dataset.formats.sequences import LOST_DEPTH, depth_units
+from oaisys_dataset.formats.trajectories.sequences import LOST_DEPTH, depth_units
 from oaisys_dataset.records import world_name
 
 if TYPE_CHECKING:

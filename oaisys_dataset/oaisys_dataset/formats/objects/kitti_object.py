@@ -24,14 +24,14 @@ from oaisys_dataset.formats.base import (
     complete_samples,
     write_file,
 )
-from oaisys_dataset.formats.kitti import velodyne_bytes
 from oaisys_dataset.formats.objects.kitti_labels import (
     LABEL_COLUMNS,
     frame_lines,
     level_rotation,
 )
 from oaisys_dataset.formats.objects.selection import SETTINGS, ObjectSelection
-from oaisys_dataset.formats.sequences import numbers, write_lines
+from oaisys_dataset.formats.trajectories.kitti import velodyne_bytes
+from oaisys_dataset.formats.trajectories.sequences import numbers, write_lines
 
 if TYPE_CHECKING:
     from oaisys_dataset.manifest import FrameRecord

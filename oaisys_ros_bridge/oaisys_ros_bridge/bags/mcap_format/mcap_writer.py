@@ -36,7 +36,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from oaisys_core.system.signals import defer_signals
+from oaisys_core.system.ending.signals import defer_signals
 
 COMPRESSION = "zstd"
 COPIED_BYTES = 2**20

@@ -12,14 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.errors import (
-    DeadlineExceededError,
-    InvalidInputError,
-    OaisysError,
-    RenderError,
-)
+from oaisys_core.errors import DeadlineExceededError, InvalidInputError, OaisysError, RenderError
 from oaisys_core.files.names import NAME_EXPECTED, is_name
-from oaisys_core.system.owner import command_with_owner
+from oaisys_core.system.ending.owner import command_with_owner
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.types import Pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS

@@ -16,7 +16,7 @@ from synthetic_worlds import SMALL_MATERIALS
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
-from oaisys_core.cli.pose_steps import PoseSteps
+from oaisys_core.cli.rendering.pose_steps import PoseSteps
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, read_pose_table

@@ -14,7 +14,7 @@ from oaisys_core.errors import CancelledError, InvalidInputError
 from oaisys_core.files.path_fields import AssetRoots, confine_paths
 from oaisys_core.procedural.meshes import blender_files
 from oaisys_core.procedural.meshes.files import load_mesh
-from oaisys_core.system.interruption import interruptible
+from oaisys_core.system.ending.interruption import interruptible
 
 ACCESS = """
 import sys

@@ -14,12 +14,12 @@ from oaisys_core.errors import RenderError
 from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import Sample
 from oaisys_dataset.manifest import WorldFailure
+from oaisys_dataset.rendering.world_render import WorldRenderer
 from oaisys_dataset.shards import encode_pixels
-from oaisys_dataset.world_render import WorldRenderer
-from tools.bench.dataset_worlds import VIEWS_AHEAD, dataset_config, dataset_tasks
 from tools.bench.jobs.world import simulation_of
 from tools.bench.machine import memory_mb
 from tools.bench.settings import Say, Settings, camera
+from tools.bench.worlds.dataset import VIEWS_AHEAD, dataset_config, dataset_tasks
 
 ENCODED_VIEWS = 5
 

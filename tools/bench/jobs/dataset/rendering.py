@@ -23,20 +23,21 @@ from oaisys_core.errors import RenderError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.procedural.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, PinholeIntrinsics, Provenance
-from oaisys_dataset import engine, open_dataset
-from oaisys_dataset.engine import WorldFinished
+from oaisys_dataset import open_dataset
 from oaisys_dataset.manifest import FrameRecord, WorldFailure, WorldLegend
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import WorldTask
-from oaisys_dataset.ray_session import RaySettings
 from oaisys_dataset.records import frame_id
-from oaisys_dataset.rendering import DatasetRendering, dataset_info
+from oaisys_dataset.rendering import engine
+from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, dataset_info
+from oaisys_dataset.rendering.engine import WorldFinished
+from oaisys_dataset.rendering.ray_session import RaySettings
+from oaisys_dataset.rendering.workers import ViewCounts, WorldBegun, WorldPart
+from oaisys_dataset.rendering.world_render import EncodedView
 from oaisys_dataset.shards import encode_frame
-from oaisys_dataset.workers import ViewCounts, WorldBegun, WorldPart
-from oaisys_dataset.world_render import EncodedView
-from tools.bench.dataset_worlds import SPLITS, VIEWS_AHEAD, dataset_config
 from tools.bench.machine import memory_mb, peak_memory_mb
 from tools.bench.settings import Say, Settings
+from tools.bench.worlds.dataset import SPLITS, VIEWS_AHEAD, dataset_config
 
 SIMULATED_CAMERA = PinholeIntrinsics(16, 12, 14.0, 14.0, 7.5, 5.5)
 SIMULATED_MEMORY_GB = 0.5

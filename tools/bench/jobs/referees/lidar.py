@@ -24,7 +24,7 @@ from oaisys_mapping.odometry.trajectories import TimedTransforms, time_offset_s
 from tools.bench.referees.drivable_way import free_ground, slalom, there_and_back
 from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
 from tools.bench.settings import Say, Settings
-from tools.bench.worlds import DEMO, world_file, world_mapping
+from tools.bench.worlds.panel import DEMO, world_file, world_mapping
 
 LIDAR = "lidar"
 RATE_HZ = 10.0

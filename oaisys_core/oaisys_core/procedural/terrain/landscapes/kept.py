@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import version_of
-from oaisys_core.system.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed
 from oaisys_core.types import FloatArray
 
 LOG = logging.getLogger(__name__)

@@ -9,8 +9,8 @@ import numpy as np
 
 from oaisys_core.procedural.contact_map import MAX_TRACKS, contact_map, has_rim, stage_ground
 from oaisys_core.render.blender.materials.contact import DRIVEN
-from oaisys_core.render.blender.materials.ground import GroundMaterials
-from oaisys_core.render.blender.materials.ground_albedo import GroundAlbedo
+from oaisys_core.render.blender.materials.ground.albedo import GroundAlbedo
+from oaisys_core.render.blender.materials.ground.material import GroundMaterials
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.objects.meshes import (
     GroundMeshes,

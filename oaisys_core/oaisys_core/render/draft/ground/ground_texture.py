@@ -1,7 +1,7 @@
 """The ground's look at any point: its layers, mixed by their masks and relief, as Cycles has them.
 
 What Cycles' shader nodes do for each sample is done here for arrays of points; see
-`oaisys_core.render.blender.materials.ground`.
+`oaisys_core.render.blender.materials.ground.material`.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from oaisys_core.procedural.scatter.ids import id_of_added
 from oaisys_core.procedural.scatter.shapes import PLANTS
 from oaisys_core.raycast.clearance import MAX_EXTENTS
 from oaisys_core.scene import Ground, MeshPrototype, Placement
-from oaisys_core.system.interruption import stop_if_unwanted
+from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.world.module import World, require
 from oaisys_core.world.modules.assets.drawing import (
     AssetPlacement,

@@ -1,0 +1,1 @@
+"""The command ``oaisys render``: its batches, samples, poses and progress."""

@@ -1,0 +1,1 @@
+"""How programs end: at a signal or with their owner, leaving nothing behind but last words."""

@@ -1,0 +1,1 @@
+"""Formats of programs that rebuild a surface from images: true cameras and points."""

@@ -1,0 +1,1 @@
+"""The worlds that the benchmarks render, and the views of them."""
