@@ -14,7 +14,7 @@ from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_dataset.cli.export import PlaceArgument, export_place, write_export
 from oaisys_dataset.plan import MAX_WORLDS, SPLITS, parse_splits
-from oaisys_dataset.rendering.ray_session import MEMORY_PER_WORKER_GB, RaySettings
+from oaisys_dataset.rendering.ray_settings import MEMORY_PER_WORKER_GB, RaySettings
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig

@@ -24,7 +24,7 @@ from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.plan import WorldTask, world_tasks
 from oaisys_dataset.reader import open_dataset
 from oaisys_dataset.rendering.engine import DatasetEvent, WorldFinished, render_worlds
-from oaisys_dataset.rendering.ray_session import RaySettings
+from oaisys_dataset.rendering.ray_settings import RaySettings
 from oaisys_dataset.rendering.workers import ViewCounts
 from oaisys_dataset.shards import HEAD, read_head, whole_worlds
 

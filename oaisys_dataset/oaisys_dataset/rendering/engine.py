@@ -17,12 +17,8 @@ from oaisys_core.errors import ConfigError, OaisysError, RenderError
 from oaisys_dataset.manifest import WorldFailure, WorldLegend
 from oaisys_dataset.places import StoragePlace
 from oaisys_dataset.plan import WorldTask
-from oaisys_dataset.rendering.ray_session import (
-    WORKER_START_S,
-    RaySession,
-    RaySettings,
-    ray_session,
-)
+from oaisys_dataset.rendering.ray_session import WORKER_START_S, RaySession, ray_session
+from oaisys_dataset.rendering.ray_settings import RaySettings
 from oaisys_dataset.rendering.workers import (
     SetupFailure,
     ViewCounts,

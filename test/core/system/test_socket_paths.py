@@ -10,7 +10,7 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits, socket_parent
-from oaisys_dataset.rendering.ray_session import FOLDER, LONGEST_SOCKET_BYTES
+from oaisys_dataset.rendering.embedded_ray import FOLDER, LONGEST_SOCKET_BYTES
 
 BELOW_BYTES = len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES
 
@@ -61,7 +61,8 @@ def test_where_nothing_fits_the_sentence_says_how_long_tmpdir_may_be(
 def test_ray_starts_at_the_lengths_at_which_it_failed(
     letters: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from oaisys_dataset.rendering.ray_session import RaySettings, ray_session
+    from oaisys_dataset.rendering.ray_session import ray_session
+    from oaisys_dataset.rendering.ray_settings import RaySettings
 
     parent = Path(tempfile.mkdtemp(prefix="t", dir="/tmp"))
     folder = parent / ("d" * (letters - len(f"{parent}/")))

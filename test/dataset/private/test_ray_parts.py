@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from oaisys_dataset.private import ray_job_config, ray_messages, ray_options
-from oaisys_dataset.rendering.ray_session import RaySettings, ray_session
+from oaisys_dataset.rendering.ray_session import ray_session
+from oaisys_dataset.rendering.ray_settings import RaySettings
 
 
 @pytest.mark.long

@@ -201,7 +201,7 @@ from oaisys_core.cli.repeat import MIN_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import parse_splits
-from oaisys_dataset.rendering.ray_session import RaySettings
+from oaisys_dataset.rendering.ray_settings import RaySettings
 from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, dataset_info
 from oaisys_dataset.rendering.workers import ViewCounts
 from oaisys_core.errors import RenderError

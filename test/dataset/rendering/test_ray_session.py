@@ -17,7 +17,8 @@ from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_dataset.rendering import session_guard
-from oaisys_dataset.rendering.ray_session import RaySettings, ray_session, worker_count
+from oaisys_dataset.rendering.ray_session import ray_session
+from oaisys_dataset.rendering.ray_settings import RaySettings, worker_count
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "no-such-machine.invalid"])

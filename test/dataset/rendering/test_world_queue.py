@@ -20,7 +20,8 @@ from oaisys_dataset.places import LocalPlace
 from oaisys_dataset.plan import WorldTask, world_tasks
 from oaisys_dataset.rendering import engine
 from oaisys_dataset.rendering.engine import Waiting, WorldFinished, render_worlds
-from oaisys_dataset.rendering.ray_session import RaySession, RaySettings
+from oaisys_dataset.rendering.ray_session import RaySession
+from oaisys_dataset.rendering.ray_settings import RaySettings
 from oaisys_dataset.rendering.workers import WorldBegun, WorldPart
 from oaisys_dataset.rendering.world_render import EncodedView
 from oaisys_dataset.shards import encode_frame, whole_worlds

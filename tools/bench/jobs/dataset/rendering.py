@@ -31,7 +31,7 @@ from oaisys_dataset.records import frame_id
 from oaisys_dataset.rendering import engine
 from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, dataset_info
 from oaisys_dataset.rendering.engine import WorldFinished
-from oaisys_dataset.rendering.ray_session import RaySettings
+from oaisys_dataset.rendering.ray_settings import RaySettings
 from oaisys_dataset.rendering.workers import ViewCounts, WorldBegun, WorldPart
 from oaisys_dataset.rendering.world_render import EncodedView
 from oaisys_dataset.shards import encode_frame
