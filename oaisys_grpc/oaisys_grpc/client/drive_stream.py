@@ -9,7 +9,8 @@ from dataclasses import replace
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import ODOMETRY, DriveInstant, DriveOutline
 from oaisys_grpc.client.channel import translate_errors
-from oaisys_grpc.client.sample_stream import ProgressListener, SampleStream
+from oaisys_grpc.client.sample_client import ProgressListener
+from oaisys_grpc.client.sample_stream import SampleStream
 from oaisys_grpc.contract.drive_messages import (
     instant_from_proto,
     measurement_counts,

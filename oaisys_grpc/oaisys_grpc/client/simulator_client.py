@@ -26,12 +26,8 @@ from oaisys_core.types import (
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
 from oaisys_grpc.client.channel import Channel, batch_request, render_request, sample_request
 from oaisys_grpc.client.drive_stream import DriveStream
-from oaisys_grpc.client.sample_stream import (
-    MAX_ARRAY_BYTES,
-    ProgressListener,
-    SampleClient,
-    SampleStream,
-)
+from oaisys_grpc.client.sample_client import ProgressListener, SampleClient
+from oaisys_grpc.client.sample_stream import MAX_ARRAY_BYTES, SampleStream
 from oaisys_grpc.contract import world_messages as world
 from oaisys_grpc.contract.arrays import encodings_from_names
 from oaisys_grpc.contract.drive_messages import poses_to_proto, trajectory_from_proto

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Self
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.subscribing.sample_ledger import (
+from oaisys_ros_bridge.subscribing.ledger_state import (
     LedgerState,
     counts_in_words,
     middleware_shortfall,

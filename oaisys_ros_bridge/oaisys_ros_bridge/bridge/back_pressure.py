@@ -24,7 +24,7 @@ from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, WINDOW
-from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleName, shortfall
+from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, SampleName, shortfall
 from oaisys_ros_bridge.timers import steady_timer
 
 ReaderKey = tuple[str, int]

@@ -17,7 +17,7 @@ from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS
-from oaisys_ros_bridge.subscribing.sample_ledger import shortfall
+from oaisys_ros_bridge.subscribing.ledger_state import shortfall
 
 DISCOVERY_TIMEOUT_S = 30.0
 DIAGNOSTICS_DEPTH = 10

@@ -35,7 +35,7 @@ from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.publishing.ground_topics import GroundTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.services import RequestQueue, close_queues
-from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
+from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
 from oaisys_ros_bridge.timers import steady_timer
 

@@ -1,10 +1,5 @@
 """The topics of one camera: images, compressed images, camera_info, cloud, legend; and its mount.
 
-Encodings: colour and albedo ``rgb8``; depth and range ``32FC1``, metres; labels ``16UC1``; ids
-``32SC1``; normals ``32FC3``, unit vectors x, y, z in the optical frame, 0 where nothing was hit;
-flow ``32FC2`` and disparity ``32FC1``, pixels; the images of installed passes by their own pixels'
-type, such as ``8UC1``.
-
 Labels and ids have a companion ``image_color`` in ``rgb8``, for viewers.
 
 P of a ``camera_info`` projects from the frame that it names. For the right camera of a stereo pair
@@ -27,16 +22,10 @@ from vision_msgs.msg import Detection2DArray, Detection3DArray, LabelInfo
 
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, transform
 from oaisys_core.types import (
-    ALBEDO,
     DEPTH,
-    DIGITAL,
     DISPARITY,
     DISTANCES,
-    FLOW,
     INSTANCE,
-    NORMAL,
-    RADIANCE,
-    RGB,
     FloatArray,
     Frame,
     SceneObject,
@@ -48,13 +37,9 @@ from oaisys_ros_bridge.clouds import CloudOptions, depth_to_cloud_msg
 from oaisys_ros_bridge.conversions import (
     image_to_msg,
     intrinsics_to_msg,
-    opencv_encoding,
     transform_to_msg,
 )
 from oaisys_ros_bridge.publishing.compressed import (
-    COLORS,
-    IDS,
-    LABELS,
     Compression,
     depth_to_compressed_msg,
     image_to_compressed_msg,
@@ -66,6 +51,13 @@ from oaisys_ros_bridge.publishing.publishers import (
     TopicPublisher,
     has_subscribers,
 )
+from oaisys_ros_bridge.publishing.topic_names import (
+    COMPRESSED_DEPTH,
+    encoding_of,
+    has_colors,
+    image_topic,
+    topic_variants,
+)
 from oaisys_ros_bridge.publishing.vision import (
     boxes_msg,
     detections_msg,
@@ -73,29 +65,6 @@ from oaisys_ros_bridge.publishing.vision import (
     label_info_msg,
 )
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
-
-TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
-"""Topic names of modalities whose topic has another name."""
-
-ENCODING_BY_MODALITY = {
-    RGB: "rgb8",
-    **dict.fromkeys(sorted(DISTANCES), "32FC1"),
-    INSTANCE: "32SC1",
-    NORMAL: "32FC3",
-    FLOW: "32FC2",
-    ALBEDO: "rgb8",
-    DISPARITY: "32FC1",
-    RADIANCE: "32FC3",
-    **{each: each for each in DIGITAL},
-}
-
-COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
-"""Names of the compressed variants in image_transport."""
-
-
-def sensor_namespace(sensor: str, sensors: Sequence[object], only: str = "camera") -> str:
-    """Return the prefix of a sensor's topics and frames: ``only`` for the only one of its kind."""
-    return sensor if len(sensors) > 1 else only
 
 
 def find_left_camera(sensor: SensorInfo, sensors: Sequence[SensorInfo]) -> str:
@@ -108,37 +77,6 @@ def find_left_camera(sensor: SensorInfo, sensors: Sequence[SensorInfo]) -> str:
     # Another camera may have been put into the same place.
     by_name = f"{sensor.name.removesuffix('_right')}_left"
     return by_name if by_name in there else next(iter(there), "")
-
-
-def image_topic(namespace: str, modality: str, name: str) -> str:
-    """Return a topic of a camera's images, such as ``camera/color/image_raw``."""
-    return f"{namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/{name}"
-
-
-def encoding_of(frame: Frame) -> str:
-    """Return the image encoding that a frame is published in."""
-    if semantic_level(frame.modality) is not None:
-        return "16UC1"
-    return ENCODING_BY_MODALITY.get(frame.modality) or opencv_encoding(frame.data)
-
-
-def has_colors(modality: str) -> bool:
-    """Return whether a modality's ids are also published as colours."""
-    return modality == INSTANCE or semantic_level(modality) is not None
-
-
-def topic_variants(modality: str) -> tuple[str, ...]:
-    """Return the names of a modality's compressed topics.
-
-    Depths and ranges have two topics with the same messages: the name of image_transport, and the
-    name that all images have.
-    """
-    encoding = ENCODING_BY_MODALITY.get(modality, "")
-    if modality in DISTANCES:
-        return (COMPRESSED, COMPRESSED_DEPTH)
-    if encoding in COLORS | IDS | LABELS or semantic_level(modality) is not None:
-        return (COMPRESSED,)
-    return ()
 
 
 class SensorTopics:

@@ -20,7 +20,8 @@ from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt, SensorPose
 from oaisys_ros_bridge.conversions import nanoseconds, stamp_from_nanoseconds
 from oaisys_ros_bridge.namespaces import UNKNOWN_NODE
 from oaisys_ros_bridge.qos import LATCHED_QOS
-from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleLedger, SampleName
+from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, SampleName
+from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger
 from oaisys_ros_bridge.timers import steady_timer
 
 SAMPLE_INFO, RECEIPTS, CONFIGURATION = "sample_info", "receipts", "configuration"

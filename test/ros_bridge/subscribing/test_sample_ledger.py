@@ -8,13 +8,8 @@ import numpy as np
 import pytest
 
 from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
-from oaisys_ros_bridge.subscribing.sample_ledger import (
-    LOST_AFTER_S,
-    LedgerState,
-    SampleLedger,
-    SampleName,
-    shortfall,
-)
+from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, SampleName, shortfall
+from oaisys_ros_bridge.subscribing.sample_ledger import LOST_AFTER_S, SampleLedger
 
 INFO = "/oaisys_bridge/sample_info"
 DEPTH, COLOR, POSE = "/camera/depth/image_raw", "/camera/color/image_raw", "/tf"

@@ -15,7 +15,7 @@ from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.experiments.status import StackStatus
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
-from oaisys_ros_bridge.subscribing.sample_ledger import shortfall
+from oaisys_ros_bridge.subscribing.ledger_state import shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import camera_poses, counting_losses, losses_msg
 
 RECORDER, TF = "/oaisys_recorder", "/tf"
