@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import ConfigError, quote
-from oaisys_core.files.documents import MAX_ROW_BYTES, read_text
+from oaisys_core.files.csv_tables import MAX_ROW_BYTES
+from oaisys_core.files.documents import read_text
 from oaisys_core.files.poses.records import MAX_POSES
 from oaisys_core.importing.context import ImportContext
 from oaisys_core.importing.document import Json, entries, part, span

@@ -35,7 +35,7 @@ from oaisys_core.config.sections.sensing.lidars import (
     RotatingScanConfig,
 )
 from oaisys_core.errors import ConfigError, quote
-from oaisys_core.files.documents import read_csv
+from oaisys_core.files.csv_tables import read_csv
 from oaisys_core.scene import ScanPattern
 from oaisys_core.types import FloatArray
 

@@ -7,7 +7,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.triangles import NO_ELEMENT, RayTarget, TriangleTarget
+from oaisys_core.raycast.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray, TriangleMesh
 
@@ -19,7 +20,6 @@ INNER_ZONE_M = 1.0
 
 ROUNDING = 1e-9
 """Relative error that a computed slope has at most."""
-
 
 _TARGETS: WeakKeyDictionary[FarGround, TriangleTarget] = WeakKeyDictionary()
 

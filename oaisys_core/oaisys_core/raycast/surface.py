@@ -14,18 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.far_ground import FarGroundTarget
+from oaisys_core.raycast.ground_target import ground_mesh, ground_target
 from oaisys_core.raycast.placement_targets import PlacementTargets
 from oaisys_core.raycast.prototype_meshes import merge_instances
+from oaisys_core.raycast.ray_target import RayTarget
 from oaisys_core.raycast.solids import SolidTarget, flat_ground, target_of, tessellate
-from oaisys_core.raycast.triangles import (
-    BvhBuilder,
-    HeightFieldTarget,
-    RayTarget,
-    TriangleTarget,
-)
-from oaisys_core.scene import HeightField, PlacedCamera, Scene, id_of_level
+from oaisys_core.scene import PlacedCamera, Scene, id_of_level
 from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
 
@@ -37,10 +32,6 @@ NO_TARGET = -1
 
 BAND_PIXELS = 40_000
 """Pixels that are worked on at a time, so that intermediate arrays fit into a core's cache."""
-
-LARGE_TRIANGLES = 6_000_000
-"""Grounds of so many triangles use Blender's Embree, if loaded: Open3D's casts half as fast again
-with the same results, but builds on one thread."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +138,7 @@ class Surface:
         if flat is not None:
             self._ground_target = SolidTarget(flat, 0, flat.height_m)
         else:
-            self._ground, target = _ground_target(scene, ground)
+            self._ground, target = ground_target(scene, ground)
             # Else the first view would wait for it.
             target.prepare()
             self._ground_target = target
@@ -453,33 +444,6 @@ class Surface:
 def _take(array: NDArray[Any], rows: slice | NDArray[np.intp]) -> NDArray[Any]:
     """Return some rows of an array; `numpy.take` is thrice as fast as an index."""
     return array[rows] if isinstance(rows, slice) else array.take(rows, axis=0)
-
-
-def ground_mesh(scene: Scene) -> TriangleMesh:
-    """Return the ground's triangles, without ids."""
-    return TriangleMesh(scene.ground.vertices_m().astype(np.float64), scene.ground.triangles())
-
-
-def _ground_target(
-    scene: Scene, ground: TriangleMesh | None
-) -> tuple[TriangleMesh | None, TriangleTarget]:
-    """Return the ground's ray target, and its mesh unless the scene's own has the same values."""
-    mesh = ground_mesh(scene)
-    if isinstance(scene.ground, HeightField) and (ground is None or _is_same(ground, mesh)):
-        return None, HeightFieldTarget(scene.ground, mesh, _bvh_builder(mesh))
-    mesh = ground or mesh
-    return mesh, TriangleTarget([mesh], _bvh_builder(mesh))
-
-
-def _is_same(one: TriangleMesh, other: TriangleMesh) -> bool:
-    """Return whether two meshes have the same vertices and triangles."""
-    arrays = (one.vertices_m, other.vertices_m), (one.triangles, other.triangles)
-    return all(np.array_equal(*each) for each in arrays)
-
-
-def _bvh_builder(ground: TriangleMesh) -> BvhBuilder | None:
-    embree = blenders_embree() if len(ground.triangles) >= LARGE_TRIANGLES else None
-    return None if embree is None else embree.mesh
 
 
 def bands(height_px: int, width_px: int) -> Iterator[slice]:

@@ -1,124 +1,25 @@
-"""What rays can hit, and how they hit triangle meshes: which triangle first, and where.
+"""How rays hit triangle meshes: which triangle first, and where.
 
 Embree (Open3D's, unless another one is given) finds the triangle in float32. The distance to the
 triangle's plane is then computed in float64, so that it is accurate at any range.
-
-Open3D is imported on first use; see `oaisys_core.private.open3d_import` for ``bpy`` in the same
-process.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from oaisys_core.scene import HeightField, PlacedCamera
+from oaisys_core.raycast.open3d_bvh import BvhBuilder, Open3DBvh, TriangleBvh
+from oaisys_core.raycast.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
-
-NO_ELEMENT = -1
-"""Element of a ray that hits nothing."""
 
 PLANE_TOLERANCE = 1e-3
 """If the distances to plane and triangle differ by a larger share, the triangle is edge-on or has
 no area, and Embree's distance is kept."""
-
-
-class RayTarget(ABC):
-    """A part of a scene that rays can hit.
-
-    Its elements, numbered from 0, are its triangles, or the whole of an exact solid.
-
-    Attributes:
-        top_m: Height that no point of it exceeds; ``-inf``: it is empty.
-        has_images: Whether any element has an image of its own.
-    """
-
-    top_m: float
-    has_images: bool = False
-
-    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
-        """Return (H, W) which pixels' rays may hit it; None: all."""
-        return None
-
-    @abstractmethod
-    def intersect(
-        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
-    ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return the distance and the element of each ray's first hit.
-
-        Args:
-            origins_m: (..., 3) in ``map``, or (3,) for all rays.
-            directions: (..., 3) of any length.
-            limits: (...) distances; hits beyond them may be left out.
-
-        Returns:
-            (...) float64 distances in units of the directions' lengths, ``+inf`` for a miss, and
-            (...) int64 elements, `NO_ELEMENT` for a miss.
-        """
-
-    @abstractmethod
-    def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Return the instance id of each element, 0 for `NO_ELEMENT`."""
-
-    @abstractmethod
-    def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) unit normals of (N,) elements at (N, 3) points on them.
-
-        Those of triangles without area are 0.
-        """
-
-    def albedo_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) linear albedo of (N,) elements at (N, 3) points on them.
-
-        NaN where an element has no image of its own.
-        """
-        return np.full(points_m.shape, np.nan)
-
-    def triangles_of(self, elements: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the index of each element among the triangles of its object's own mesh."""
-        return elements
-
-    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """Return (R,) whether (R, 3) rays from (R, 3) origins hit it anywhere."""
-        return np.isfinite(self.intersect(origins_m, directions)[0])
-
-    def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
-        """Return the (N,) topmost heights at (N, 2) points, NaN where there is nothing."""
-        xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
-        above_m = self.top_m + 1.0
-        if not np.isfinite(above_m):
-            return np.full(len(xy), np.nan)
-        origins = np.column_stack((xy, np.full(len(xy), above_m)))
-        down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
-        distance_m, _ = self.intersect(origins, down)
-        return np.where(np.isfinite(distance_m), above_m - distance_m, np.nan)
-
-
-class TriangleBvh(Protocol):
-    """A bounding volume hierarchy (BVH) of triangles."""
-
-    def first(
-        self, origins: FloatArray, directions: FloatArray
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """Return the (R,) distances and triangle indices of the first hits of (R, 3) rays.
-
-        ``origins`` may be (3,) for all rays. Distances are in units of the directions' lengths,
-        ``+inf`` for a miss.
-        """
-
-    def occludes(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """Return (R,) whether (R, 3) rays hit any triangle."""
-
-    def prepare(self) -> None:
-        """Build it now rather than at the first cast."""
-
-
-BvhBuilder = Callable[[FloatArray, NDArray[np.int32]], TriangleBvh]
-"""Builds a BVH of (V, 3) vertices and (T, 3) triangles."""
 
 
 class TriangleTarget(RayTarget):
@@ -270,64 +171,6 @@ def unit(vectors: FloatArray) -> FloatArray:
     """Return (N, 3) vectors normalised to length 1; zero vectors stay zero."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
-
-
-class Open3DBvh:
-    """Open3D's BVH, see `TriangleBvh`; Open3D builds it at the first cast."""
-
-    def __init__(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> None:
-        self._scene = open3d_scene(vertices_m, triangles)
-
-    def first(
-        self, origins: FloatArray, directions: FloatArray
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """See `TriangleBvh.first`."""
-        import open3d as o3d
-
-        rays = _open3d_rays(origins, directions)
-        found = self._scene.cast_rays(o3d.core.Tensor(rays))
-        return found["t_hit"].numpy(), found["primitive_ids"].numpy()
-
-    def first_places(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.float32]]:
-        """Return what `first` does, and the (R, 2) weights of each second and third corner."""
-        import open3d as o3d
-
-        rays = _open3d_rays(origins, directions)
-        found = self._scene.cast_rays(o3d.core.Tensor(rays))
-        return tuple(found[name].numpy() for name in ("t_hit", "primitive_ids", "primitive_uvs"))
-
-    def occludes(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """See `TriangleBvh.occludes`."""
-        import open3d as o3d
-
-        rays = _open3d_rays(origins, directions)
-        return np.asarray(self._scene.test_occlusions(o3d.core.Tensor(rays)).numpy())
-
-    def prepare(self) -> None:
-        """See `TriangleBvh.prepare`."""
-        self.first(np.zeros(3), np.zeros((1, 3)))
-
-
-def _open3d_rays(origins: NDArray[Any], directions: NDArray[Any]) -> NDArray[np.float32]:
-    """Return (R, 6) origins and directions; copied by component, which is thrice as fast."""
-    rays = np.empty((len(directions), 6), dtype=np.float32)
-    for axis in range(3):
-        rays[:, axis], rays[:, 3 + axis] = origins[..., axis], directions[..., axis]
-    return rays
-
-
-def open3d_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
-    """Return Open3D's ray casting scene of (V, 3) vertices and (T, 3) triangles."""
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor(vertices_m.astype(np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(triangles, dtype=np.uint32)),
-    )
-    return scene
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from oaisys_core.config.sections.drive import (
     RoverConfig,
 )
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import read_numbered_csv
+from oaisys_core.files.csv_tables import read_numbered_csv
 from oaisys_core.files.poses import (
     PoseSelection,
     is_named_columns_file,

@@ -23,7 +23,7 @@ class WorldSurface:
     def __init__(self, mesh: TriangleMesh) -> None:
         import open3d as o3d
 
-        from oaisys_core.raycast.triangles import open3d_scene
+        from oaisys_core.raycast.open3d_bvh import open3d_scene
 
         self._scene = open3d_scene(mesh.vertices_m, mesh.triangles)
         self._tensor = o3d.core.Tensor

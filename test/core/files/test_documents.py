@@ -11,13 +11,13 @@ import pytest
 from oaisys_core.cli.rendering.metadata_file import load_steps
 from oaisys_core.config import load_config
 from oaisys_core.errors import ConfigError, InvalidInputError, quote
+from oaisys_core.files.csv_tables import read_csv
 from oaisys_core.files.documents import (
     MAX_DEPTH,
     MAX_TEXT_BYTES,
     DocumentError,
     parse_json,
     parse_yaml,
-    read_csv,
     read_text,
 )
 

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.raycast import instances, placement_targets
+from oaisys_core.raycast import placement_targets, visible_boxes
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.triangles import NO_ELEMENT, TriangleTarget
+from oaisys_core.raycast.ray_target import NO_ELEMENT
+from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.scene import MeshPrototype, Placement, Scene
 from oaisys_core.types import (
@@ -237,7 +238,7 @@ def test_rays_that_are_not_cast_at_instances_miss_them(monkeypatch: pytest.Monke
     some = images_of(rocky_world())
     *_, from_among_them = pixels_of_rocks()
     assert 0.3 < from_among_them.mean() < 0.7
-    monkeypatch.setattr(instances, "MAX_BOXES", 0)
+    monkeypatch.setattr(visible_boxes, "MAX_BOXES", 0)
     assert all(part is None for part in pixels_of_rocks())
     for one, other in zip(some, images_of(rocky_world()), strict=True):
         np.testing.assert_array_equal(one, other)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.private.open3d_import.
 import bpy  # noqa: F401
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.embree_instances import EmbreeInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.triangles import RayTarget, TriangleTarget
+from oaisys_core.raycast.ray_target import RayTarget
+from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh
 
 Rays = tuple[FloatArray, FloatArray, FloatArray | None]

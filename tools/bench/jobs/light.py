@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.private.open3d_import.
 import bpy  # noqa: F401
 import numpy as np
 import trimesh

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.private.open3d_import.
 import bpy  # noqa: F401
 
 import _cycles  # isort: skip

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.private.open3d_import.
 import oaisys_core.render.blender  # noqa: F401
 from oaisys_core.cli.standard_output import own_stdout
 from tools.gallery.look_book.rendering import LookPicture, render_world

@@ -10,7 +10,8 @@ from typing import Any
 
 from oaisys_core import extensions
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.files.documents import MAX_ROW_BYTES, open_regular, parse_json, read_text
+from oaisys_core.files.csv_tables import MAX_ROW_BYTES
+from oaisys_core.files.documents import open_regular, parse_json, read_text
 from oaisys_core.files.poses import colmap, nerf_frames, tables
 from oaisys_core.files.poses.flight_plans import is_plan
 from oaisys_core.files.poses.records import (
@@ -54,7 +55,7 @@ CONVERTED = {
 def read_pose_table(path: Path, selection: PoseSelection | None = None) -> PoseTable:
     """Return the poses of a file.
 
-    Of rows with one stamp the first counts.
+    Where several rows have the same stamp, the first counts.
 
     Raises:
         InvalidInputError: It cannot be read, is of no format that we know, or a pose is wrong;

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import parse_numbered_csv
+from oaisys_core.files.csv_tables import parse_numbered_csv
 from oaisys_core.files.poses.records import FIELD, MAX_POSES, PoseTable, matrix_table, number
 from oaisys_core.geometry import T_LINK_OPTICAL, check_pose
 

@@ -16,6 +16,8 @@ CODE = (
     "procedural/terrain/noise.py",
     "procedural/scatter/rocks.py",
     "raycast/triangles.py",
+    "raycast/ray_target.py",
+    "raycast/open3d_bvh.py",
     "scene/objects.py",
     "types",
     "color.py",

@@ -31,7 +31,7 @@ from oaisys_core.render.blender.cycles import Cycles, albedo_of
 from oaisys_core.render.blender.ground_check import GroundCheck, GroundPlaces
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.sky import Lights
-from oaisys_core.render.blender.postprocessing import RenderResult
+from oaisys_core.render.blender.render_result import RenderResult
 from oaisys_core.render.blender.time_budget import (
     DenoisingQuality,
     TimeBudget,

@@ -23,11 +23,10 @@ from oaisys_core.render.blender.postprocessing import (
     DEPTH,
     SAMPLED_WIDTH_PX,
     Denoiser,
-    RenderResult,
     blenders_denoiser,
     denoise_image,
-    pass_of,
 )
+from oaisys_core.render.blender.render_result import RenderResult, pass_of
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.render.blender.tone_mapping import (
     VIEW_TRANSFORMS,

@@ -16,7 +16,6 @@ Rendering, 3rd edition, 7.8): Cycles samples with a narrow filter, and the rest 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cache
 from math import inf, isfinite
 
@@ -24,7 +23,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import RenderError
 from oaisys_core.private.open_image_denoise import (
     QUALITY_BALANCED,
     QUALITY_FAST,
@@ -35,10 +33,9 @@ from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATER
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.ground.narrow_patches import MOST_SAMPLES, share_albedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
+from oaisys_core.render.blender.render_result import Image, RenderResult, pass_of
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.sensing.render_settings import RenderSettings
-
-Image = NDArray[np.float32]
 
 CYCLES_WIDTH_PX = 1.5
 """Blender's default filter width, for images that are not denoised; the Blackman-Harris window is
@@ -93,43 +90,6 @@ COMBINED, SEEN_ALBEDO, SEEN_NORMAL = "Combined", "Denoising Albedo", "Denoising 
 
 NORMAL = "Normal"
 """Blender's name of the pass with the normals of the first surface; they are in ``map``."""
-
-
-@dataclass
-class RenderResult:
-    """Passes and statistics of a render.
-
-    Attributes:
-        passes: (H, W, channels) scene-linear float32 by Blender's name, top row first.
-        samples: Samples per pixel that were taken; 0: not reported.
-        sampling_began_s, sampling_ended_s: By `time.perf_counter`; 0: not reported.
-        errors: What Cycles has logged as errors.
-    """
-
-    passes: dict[str, Image] = field(default_factory=dict)
-    samples: int = 0
-    sampling_began_s: float = 0.0
-    sampling_ended_s: float = 0.0
-    errors: list[str] = field(default_factory=list)
-
-    def samples_per_pixel(self, settings: RenderSettings) -> int:
-        """Return how many samples per pixel an image has that was rendered with these settings.
-
-        Without a time limit it has all, whichever of them Cycles has reported in time.
-        """
-        is_limited = settings.time_budget_s is not None
-        return (self.samples if is_limited else 0) or settings.samples
-
-
-def pass_of(rendered: RenderResult, name: str) -> Image:
-    """Return a pass by Blender's name.
-
-    Raises:
-        RenderError: It was not rendered.
-    """
-    if name not in rendered.passes:
-        raise RenderError(f"Blender rendered no pass {name}, only {sorted(rendered.passes)}")
-    return rendered.passes[name]
 
 
 def denoise_image(

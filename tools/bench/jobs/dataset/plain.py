@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.triangles.
+# Must come before anything that loads Open3D, see oaisys_core.private.open3d_import.
 import bpy  # noqa: F401
 
 from oaisys_core.errors import RenderError

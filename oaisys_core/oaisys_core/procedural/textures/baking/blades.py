@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.noise import Field
-from oaisys_core.raycast.triangles import Open3DBvh
+from oaisys_core.raycast.open3d_bvh import Open3DBvh
 from oaisys_core.types import FloatArray
 
 Outline = Callable[[FloatArray], FloatArray]
