@@ -23,7 +23,6 @@ MAX_BYTES = 1 << 30
 MAX_TEXT = 4096
 """Longest text of a row, in bytes."""
 
-_HASH = "a hash of 64 digits"
 _LINE = "a text of at most 1000 letters in a line, without control characters"
 
 BATCH_ROWS = 4096

@@ -53,12 +53,6 @@ class RawConnection:
                 return begun
         return count
 
-    def begin_call(self, path: str, *, headers: bytes = b"") -> int:
-        """Begin one call, with more headers; return its stream."""
-        stream = self._new_stream()
-        self._socket.sendall(_frame(_HEADERS, _END_HEADERS, stream, call_headers(path) + headers))
-        return stream
-
     def send(self, stream: int, data: bytes) -> None:
         """Send bytes on a call."""
         self._socket.sendall(_frame(_DATA, 0, stream, data))

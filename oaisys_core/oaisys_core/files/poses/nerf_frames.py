@@ -20,8 +20,6 @@ from oaisys_core.types import FloatArray
 T_OPENGL_OPTICAL: FloatArray = invert(T_OPTICAL_BLENDER)
 """Blender's camera is OpenGL's."""
 
-CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x")
-
 
 def read_frames(path: Path, data: Mapping[str, Any]) -> PoseTable:
     """Return the poses of all frames, in the order of the file.

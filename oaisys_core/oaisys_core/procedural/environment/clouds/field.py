@@ -34,11 +34,8 @@ TILE_SIZES = 7.5
 SLABS = 40
 """Thin layers between base and tops."""
 
-FINE = 5
-"""By how much the finer lobes are smaller: 3² + 4² = 5², so that turned by that angle they tile."""
-
 FINE_UP = 3
-"""By how much they are lower: slabs would show as lines if they did not have them in common."""
+"""By how much the finer lobes are lower: neighbouring slabs share them, or would show as lines."""
 
 BASE_SHARE = 0.4
 """Extinction at the base, relative to that of the tops."""
@@ -117,15 +114,16 @@ class Slab:
             x, y: (N,) where they are, in texels of the tile, any number of tiles away.
         """
         found = excess + self._tile.at(x, y)
+        # A fifth as large, and turned: 3² + 4² = 5², so that they tile.
         found += self._fine_tile.at(3 * x + 4 * y, 3 * y - 4 * x)
         return self._extinction(found)
 
     def on_grid(self, excess: Field, step: int = 1) -> Field:
-        """Return the extinction per metre on each ``step``-th texel, without the finer lobes.
+        """Return the (N, N) extinction per metre on a grid of texels, without the finer lobes.
 
         Args:
-            excess: Of the map there.
-            step: Spacing of the texels.
+            excess: (N, N) excess of the map at these texels.
+            step: Spacing of the grid, in texels.
         """
         sides = GRID // PERIOD
         return self._extinction(excess + np.tile(self._lobes[::step, ::step], (sides, sides)))

@@ -127,11 +127,6 @@ def bend_shifts(
     return amplitude * first, amplitude * second
 
 
-def grid_sizes(finest_px: int, levels: int) -> list[int]:
-    """Return sizes of grids from coarse to fine, each with half the spacing of the one before."""
-    return [(finest_px - 1) // 2**level + 1 for level in reversed(range(levels))]
-
-
 def upsample(elevation_m: FloatArray, size_px: int, rng: np.random.Generator) -> FloatArray:
     """Return (size_px, size_px) heights of a coarser square grid over the same ground.
 
