@@ -105,9 +105,9 @@ def read_class_names(path: Path) -> dict[int, str]:
 
 
 def _vertex_properties(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return those of the named vertex properties that a binary PLY file has.
+    """Return the vertex properties with these names, if a binary PLY file has them.
 
-    Open3D ignores properties that it does not know.
+    Open3D ignores such properties.
     """
     header = _header(path)
     element = re.search(rb"\nelement vertex (\d+)\n((?:property \w+ \w+\n)*)", header)

@@ -119,7 +119,7 @@ def faults_of(error: ValidationError, data: object, kind: Any) -> list[ConfigFau
         kind: The section, or type, that the data should have been.
     """
     return [
-        _joined([_fault(detail, data, kind) for detail in details])
+        _join([_fault(detail, data, kind) for detail in details])
         for details in islice(_by_location(error, data).values(), MOST_FAULTS)
     ]
 
@@ -142,8 +142,8 @@ def _by_location(
     return found
 
 
-def _joined(faults: Sequence[ConfigFault]) -> ConfigFault:
-    """Return the errors at one location, which are those of a union's alternatives, as one."""
+def _join(faults: Sequence[ConfigFault]) -> ConfigFault:
+    """Return one error for all at a location: each alternative of a union raises its own."""
     first = faults[0]
     for fault in faults[1:]:
         if fault.expected not in first.expected:

@@ -1,4 +1,4 @@
-"""How a client wants its frames sent, what a server grants, and a sample as it is sent then."""
+"""How frames are sent: what a client asks for, what a server grants, and a sample's messages."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ class OccupancyMap:
 
         That is where a surface continues into unobserved space.
         """
-        # Free space must share a face: the inside of a slope touches it at edges of its steps.
+        # Voxels inside a slope share edges with free space, so only a shared face counts.
         near_free = ndimage.binary_dilation(self.state == FREE)
         near_surface = ndimage.binary_dilation(self.state == OCCUPIED, np.ones((3, 3, 3), bool))
         return np.asarray((self.state == UNKNOWN) & near_surface & near_free)

@@ -44,7 +44,7 @@ def main(
 
 
 def render_imports(out: Path, only: str, quality: str, backend: str) -> Path:
-    """Write the files, and of worlds whose name contains ``only`` a configuration and a picture.
+    """Write the files, and a configuration and a picture of each world with ``only`` in its name.
 
     Returns:
         The sheet with their pictures.

@@ -123,7 +123,7 @@ def poses_of_frame(tree: TransformTree, frame: str, path: Path) -> list[StampedP
         )
     unique_frame({tree.parents[chain[-1]]}, f"{path}: {frame}")
     places = [pose.place for pose, used in zip(tracks[first], known, strict=True) if used]
-    return _composed(tree, chain, tracks, stamps[known], places)
+    return _compose(tree, chain, tracks, stamps[known], places)
 
 
 def _in_order(poses: Sequence[StampedPose], frame: str, path: Path) -> list[StampedPose]:
@@ -141,7 +141,7 @@ def _in_order(poses: Sequence[StampedPose], frame: str, path: Path) -> list[Stam
     return [by_stamp[stamp] for stamp in sorted(by_stamp)]
 
 
-def _composed(
+def _compose(
     tree: TransformTree,
     chain: Sequence[str],
     tracks: dict[str, list[StampedPose]],
