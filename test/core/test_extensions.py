@@ -149,6 +149,15 @@ for text in sys.argv[1:]:
 """
 
 
+def lines_of(code: str, arguments: list[str], environment: dict[str, str]) -> list[str]:
+    """Return what a program prints with some packages installed."""
+    command = [sys.executable, "-c", code, *arguments]
+    ran = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=300, check=True
+    )
+    return ran.stdout.splitlines()
+
+
 def test_faults_name_the_package_and_others_still_load(tmp_path: Path) -> None:
     points = (
         "[oaisys.modules]\nbroken = no_such_library:Thing\nrender = no_such_library:Thing\n"
@@ -166,14 +175,7 @@ def test_faults_name_the_package_and_others_still_load(tmp_path: Path) -> None:
         "{backend: analytic, environment: {effects: [{effect: night}]}}",
         "{backend: analytic, sensors: {cameras: [{modalities: [slope]}]}}",
     ]
-    result = subprocess.run(
-        [sys.executable, "-c", CHECK, *texts],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=True,
-    )
+    told = lines_of(CHECK, texts, environment)
     parts = [
         ["fine"],
         ["oaisys.modules", "'broken'", "third_party", "no_such_library"],
@@ -184,7 +186,6 @@ def test_faults_name_the_package_and_others_still_load(tmp_path: Path) -> None:
         ["'night'", "third_party", "no_such_library"],
         ["modalities", "slope"],
     ]
-    told = result.stdout.splitlines()
     assert len(told) == len(parts)
     for line, expected in zip(told, parts, strict=True):
         assert all(part in line for part in expected), line
@@ -206,26 +207,12 @@ for render in ({"quality": "geometry"}, {"passes": ["slope"]}):
 
 
 def test_a_pass_needs_no_colour(tmp_path: Path) -> None:
-    result = subprocess.run(
-        [sys.executable, "-c", PASSES, SMALL],
-        env=installed_example("pass", tmp_path),
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=True,
-    )
-    assert result.stdout.splitlines() == ["slope", "slope"]
+    lines = lines_of(PASSES, [SMALL], installed_example("pass", tmp_path))
+    assert lines == ["slope", "slope"]
 
 
 def test_options_of_a_module_are_checked(tmp_path: Path) -> None:
     environment = installed_example("module", tmp_path)
     texts = ["{backend: analytic, extensions: {flag: {size: 1}}}"]
-    result = subprocess.run(
-        [sys.executable, "-c", CHECK, *texts],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=True,
-    )
-    assert "extensions.flag.size" in result.stdout
+    told = lines_of(CHECK, texts, environment)
+    assert "extensions.flag.size" in told[0]

@@ -113,19 +113,25 @@ def poses(out: Path) -> list[dict[str, str]]:
     return rows(out / "batch_0001/poses.csv")
 
 
-def test_each_ray_of_a_lidar_starts_where_the_vehicle_is_at_its_time(tmp_path: Path) -> None:
-    """A rig that rises at 2 m/s above a plane: z of a point is minus the height at its time."""
-    way = tmp_path / "up.csv"
+def rise(folder: Path, sensors: dict[str, Any]) -> tuple[Simulation, Drive, float]:
+    """Return a rig that rises at 2 m/s above a plane, from 2 m on, and the plane's height."""
+    way = folder / "up.csv"
     write_poses(way, np.array([(t, 0, 0, 2 + 2 * t, 0, 0, 0, 1) for t in (0.0, 0.5, 1.0)]))
-    scan = {"kind": "raster", "columns": 40, "rows": 30, "vertical_fov_deg": 90}
-    sensors = {"cameras": CONFIG["sensors"]["cameras"][:1], "lidars": [{"scan": scan}]}
     drive = {"vehicle": {"kind": "file", "path": str(way)}}
     stage = {**CONFIG["stage"], "preset": "plane"}
     config = config_from_mapping({**CONFIG, "stage": stage, "sensors": sensors, "drive": drive})
     simulation = Simulation(config)
     simulation.step_batch()
     ground_m = simulation.query_height([(0.0, 0.0, 0.0)]).ground_height_m[0]
-    for step in Drive(simulation, config).samples():
+    return simulation, Drive(simulation, config), float(ground_m)
+
+
+def test_each_ray_of_a_lidar_starts_where_the_vehicle_is_at_its_time(tmp_path: Path) -> None:
+    """A rig that rises at 2 m/s above a plane: z of a point is minus the height at its time."""
+    scan = {"kind": "raster", "columns": 40, "rows": 30, "vertical_fov_deg": 90}
+    sensors = {"cameras": CONFIG["sensors"]["cameras"][:1], "lidars": [{"scan": scan}]}
+    simulation, made, ground_m = rise(tmp_path, sensors)
+    for step in made.samples():
         if "lidar" in step.sensors:
             points = step.sample.scan("lidar").data
             assert len(points) > 100
@@ -139,18 +145,10 @@ def test_each_row_of_a_rolling_shutter_is_seen_from_where_the_vehicle_is_at_its_
     tmp_path: Path,
 ) -> None:
     """A rig that rises at 2 m/s above a plane, and looks down."""
-    way = tmp_path / "up.csv"
-    write_poses(way, np.array([(t, 0, 0, 2 + 2 * t, 0, 0, 0, 1) for t in (0.0, 0.5, 1.0)]))
     down = {"mount_quat_xyzw": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "mount_position_m": [0, 0, 0]}
     camera = {**CONFIG["sensors"]["cameras"][0], **down, "readout_s": 0.05, "exposure_s": 0.01}
     sensors = {"cameras": [camera]}
-    drive = {"vehicle": {"kind": "file", "path": str(way)}}
-    stage = {**CONFIG["stage"], "preset": "plane"}
-    config = config_from_mapping({**CONFIG, "stage": stage, "sensors": sensors, "drive": drive})
-    simulation = Simulation(config)
-    simulation.step_batch()
-    ground_m = simulation.query_height([(0.0, 0.0, 0.0)]).ground_height_m[0]
-    made = Drive(simulation, config)
+    simulation, made, ground_m = rise(tmp_path, sensors)
     for step in made.samples():
         rows_s = step.time_ns / 1e9 + np.linspace(0, 0.05, 24)
         depth_m = step.sample.frame("front", "depth").data

@@ -71,18 +71,23 @@ def test_kitti_is_read_as_evo_reads_it_and_stands_upright(tmp_path: Path) -> Non
     assert as_matrices(table) == pytest.approx(upright @ theirs, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["images.txt", "model.txt"])
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_colmap_is_read_as_pycolmap_reads_it(tmp_path: Path, name: str, end: str) -> None:
-    path = tmp_path / name
-    path.write_bytes(("\ufeff" + end.join(colmap_lines())).encode())
-    model = tmp_path / "model"
+def read_by_pycolmap(model: Path) -> pycolmap.Reconstruction:
+    """Write the poses as a model of text files, and return what pycolmap reads of it."""
     model.mkdir()
     (model / "cameras.txt").write_text("1 SIMPLE_PINHOLE 640 480 500 320 240\n")
     (model / "images.txt").write_text("\n".join(colmap_lines()).replace("a b", "ab") + "\n")
     (model / "points3D.txt").write_text("")
     theirs = pycolmap.Reconstruction()
     theirs.read_text(str(model))
+    return theirs
+
+
+@pytest.mark.parametrize("name", ["images.txt", "model.txt"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_colmap_is_read_as_pycolmap_reads_it(tmp_path: Path, name: str, end: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(("\ufeff" + end.join(colmap_lines())).encode())
+    theirs = read_by_pycolmap(tmp_path / "model")
     inverse = [theirs.images[index + 1].cam_from_world().inverse() for index in range(COUNT)]
     ours = as_matrices(read_pose_table(path))
     assert ours[:, :3] == pytest.approx(np.array([each.matrix() for each in inverse]), abs=1e-9)
@@ -91,13 +96,7 @@ def test_colmap_is_read_as_pycolmap_reads_it(tmp_path: Path, name: str, end: str
 
 def test_the_binary_model_of_colmap_has_the_same_poses(tmp_path: Path) -> None:
     model = tmp_path / "model"
-    model.mkdir()
-    (model / "cameras.txt").write_text("1 SIMPLE_PINHOLE 640 480 500 320 240\n")
-    (model / "images.txt").write_text("\n".join(colmap_lines()).replace("a b", "ab") + "\n")
-    (model / "points3D.txt").write_text("")
-    theirs = pycolmap.Reconstruction()
-    theirs.read_text(str(model))
-    theirs.write_binary(str(model))
+    read_by_pycolmap(model).write_binary(str(model))
     path = model / "images.bin"
     assert as_matrices(read_pose_table(path)) == pytest.approx(matrices(), abs=1e-9)
     for damaged in (path.read_bytes()[:-9], path.read_bytes() + b"\0", b"\xff" * 8):
