@@ -9,13 +9,9 @@ from numpy.typing import NDArray
 
 from oaisys_core.private.embree import INVALID_ID, Embree
 from oaisys_core.raycast.instances import InstanceTarget, keep_nearest, matvec
-from oaisys_core.raycast.parallel_rays import MIN_UP, ShadowPlane
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
 from oaisys_core.raycast.triangles import exact_distances
 from oaisys_core.types import FloatArray
-
-KEPT_PLANES = 16
-"""Directions of parallel rays whose `ShadowPlane` is kept."""
 
 
 class EmbreeInstanceTarget(InstanceTarget):
@@ -26,7 +22,6 @@ class EmbreeInstanceTarget(InstanceTarget):
         super().__init__(placed)
         self._origin_m = (self.low_m.min(axis=0) + self.high_m.max(axis=0)) / 2
         ends = np.cumsum(np.bincount(self.groups, minlength=len(self.meshes)))
-        self._planes: dict[tuple[float, ...], ShadowPlane] = {}
         self._first_instance = np.concatenate(([0], ends))
         T_local_object = self.T_map_object.copy()
         T_local_object[:, :3, 3] -= self._origin_m
@@ -74,22 +69,4 @@ class EmbreeInstanceTarget(InstanceTarget):
         """See `RayTarget`."""
         if self.has_cut_outs.any():
             return super().occludes(origins_m, directions)
-        # Parallel rays are given as one.
-        if not len(directions) or directions.strides[0] or directions[0, 2] < MIN_UP:
-            return self._scene.occludes(origins_m - self._origin_m, directions)
-        found = np.zeros(len(directions), np.bool_)
-        rows = np.flatnonzero(self._shadow_plane(directions[0]).may_hit(origins_m))
-        if len(rows):
-            starts = origins_m[rows] - self._origin_m
-            found[rows] = self._scene.occludes(starts, directions[rows])
-        return found
-
-    def _shadow_plane(self, direction: FloatArray) -> ShadowPlane:
-        """Return the shadows of all instances; those of the last directions are kept."""
-        key = tuple(direction.tolist())
-        planes = self._planes
-        if key not in planes:
-            while len(planes) >= KEPT_PLANES:
-                planes.pop(next(iter(planes)), None)
-            planes[key] = ShadowPlane(direction, self.low_m, self.high_m)
-        return planes[key]
+        return self._scene.occludes(origins_m - self._origin_m, directions)
