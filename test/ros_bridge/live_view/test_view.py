@@ -13,9 +13,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+import yaml
 from browser import browser_page
 from certificates import Authority
-from served_simulator import FLAT_WORLD, Server
+from served_simulator import FLAT_WORLD, MOUNDS, Server
 from waiting import START_PATIENCE_S, wait_until
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at
@@ -123,7 +124,9 @@ def test_a_page_that_cannot_be_stopped_holds_up_no_end_once_the_scene_is_saved(s
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
     environment = {**os.environ, "ROS_DOMAIN_ID": str(ros_domain_id)}
-    options = ("--views", "2", "--size", "64x48", "--backend", "analytic", "--no-bag")
+    world = tmp_path / "world.yaml"
+    world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
+    options = ("--config", str(world), "--views", "2", "--size", "64x48", "--no-bag", "--no-faults")
     with watching(tmp_path, "--ros", "--views", "2") as (process, out):
         survey = subprocess.run(
             [*COMMAND, "survey", *options, "--out", str(tmp_path / "survey")],
