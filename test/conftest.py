@@ -30,12 +30,20 @@ TESTS = Path(__file__).parent
 LONGEST_FILES = (
     "core/config/test_examples.py",
     "ros_bridge/experiments/test_survey.py",
+    "ros_bridge/subscribing/test_lossless.py",
+    "dataset/test_engine.py",
     "ros_bridge/experiments/test_explore.py",
     "system/test_examples_run.py",
+    "ros_bridge/experiments/test_node_planner.py",
+    "dataset/test_gpu_workers.py",
+    "core/config/test_config_properties.py",
     "system/test_notebooks.py",
     "system/test_wheels.py",
     "system/test_setup_interfaces.py",
     "system/test_docs_site.py",
+    "grpc/server/supervision/test_reliability_blender.py",
+    "core/render/test_drawn_worlds.py",
+    "core/config/test_expectations.py",
 )
 """Files whose tests take far longer than others, the longest first."""
 
