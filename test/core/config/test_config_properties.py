@@ -55,11 +55,14 @@ class OtherProcess:
             text=True,
         )
 
-    def digest(self, data: Json) -> str:
+    def begin(self, data: Json) -> None:
+        """Have it find the hash of a configuration's images, which `digest` returns."""
         assert self.process.stdin is not None
-        assert self.process.stdout is not None
         self.process.stdin.write(json.dumps(data) + "\n")
         self.process.stdin.flush()
+
+    def digest(self) -> str:
+        assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
 
 
@@ -78,9 +81,9 @@ def other() -> Iterator[OtherProcess]:
 def test_two_processes_render_the_same_bytes_whatever_module_is_added(
     other: OtherProcess, data: Json
 ) -> None:
-    here = digest(data)
-    assert other.digest(data) == here
-    assert digest(data, Greedy()) == here
+    other.begin(data)
+    here = digest(data, Greedy())
+    assert other.digest() == here
 
 
 @given(data=configs())
