@@ -21,7 +21,7 @@ from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
 from rclpy.qos import QoSProfile
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, stamped
-from served_simulator import FLAT_WORLD
+from served_simulator import FLAT_WORLD, MOUNDS
 from std_msgs.msg import Header
 from waiting import LOAD_FACTOR, START_PATIENCE_S, wait_until
 
@@ -288,6 +288,8 @@ def test_an_experiment_whose_recorder_loses_messages_says_so_and_fails(
     bridge = {"ros__parameters": {"readers": {"timeout_s": 2 * WAIT_S}}}
     parameters.write_text(yaml.safe_dump({"oaisys_bridge": bridge}))
     command = ["oaisys", kind, "--backend", "analytic", "--size", "64x48", *EXPERIMENTS[kind]]
+    if kind == "survey":
+        command += ["--config", str(small_world(tmp_path))]
     command += ["--params-file", str(parameters)]
     with said.open("w") as output:
         experiment = subprocess.Popen(
@@ -328,6 +330,13 @@ def test_an_experiment_whose_recorder_loses_messages_says_so_and_fails(
     assert f"missed: {sentence}" in said.read_text()
 
 
+def small_world(folder: Path) -> Path:
+    """Write the configuration of a world that a survey builds and measures quickly."""
+    path = folder / "world.yaml"
+    path.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
+    return path
+
+
 def recorder_of(experiment: subprocess.Popen[bytes]) -> psutil.Process:
     """Return the process of an experiment's recorder."""
     (recorder,) = (
@@ -343,13 +352,13 @@ def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
     tmp_path: Path, ros_domain_id: int, no_process_left: None
 ) -> None:
     out = tmp_path / "survey"
-    command = ["oaisys", "survey", "--backend", "analytic", "--size", "64x48", "--views", "6"]
+    command = ["oaisys", "survey", "--config", str(small_world(tmp_path)), "--views", "6"]
     # The recorder has ended long before the last sample is there.
     slow = {"OAISYS_FAULT": "late-slow:10@6", "OAISYS_TEST_BUILD": "1"}
     said = tmp_path / "said"
     with said.open("w") as output:
         survey = subprocess.Popen(
-            [*command, "--voxel-size", "0.3", "--no-faults", "--out", str(out)],
+            [*command, "--size", "64x48", "--voxel-size", "0.3", "--no-faults", "--out", str(out)],
             stdout=output,
             stderr=output,
             env={**os.environ, **slow},
