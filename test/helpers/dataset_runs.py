@@ -14,7 +14,14 @@ from typing import Any, NamedTuple
 
 import psutil
 
+from oaisys_core.config import load_config
+from oaisys_dataset.places import open_place
+from oaisys_dataset.plan import parse_splits, world_tasks
 from oaisys_dataset.records import VARYING_FIELDS
+from oaisys_dataset.rendering import dataset_info
+from oaisys_dataset.shards import HEAD
+from oaisys_dataset.workers import write_world
+from oaisys_dataset.world_render import WorldRenderer
 
 CONFIG = """
 seed: 3
@@ -55,6 +62,19 @@ def run(*arguments: Any) -> subprocess.CompletedProcess[str]:
     """Run `command` to its end."""
     line = command(*arguments)
     return subprocess.run(line, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+
+
+def render_here(
+    config: Path, out: Path, splits: str, worlds: int = WORLDS, views: int = VIEWS
+) -> None:
+    """Render the data set in this process, without Ray."""
+    chosen, shares = load_config(config), parse_splits(splits)
+    place = open_place(out)
+    place.write(HEAD, dataset_info(chosen, worlds, views, shares).to_json().encode())
+    renderer = WorldRenderer(chosen, "test")
+    for task in world_tasks(chosen.seed, worlds, views, shares):
+        list(write_world(place, task, renderer.render(task)))
+    renderer.close()
 
 
 class KilledRun(NamedTuple):

@@ -22,6 +22,7 @@ from dataset_runs import (
     WORLDS,
     command,
     contents,
+    render_here,
     run,
     run_with_kill,
     write_config,
@@ -29,15 +30,8 @@ from dataset_runs import (
 from waiting import wait_until
 
 from oaisys_core.cli.repeat import MIN_PSNR_DB
-from oaisys_core.config import load_config
-from oaisys_dataset.places import open_place
-from oaisys_dataset.plan import parse_splits, world_tasks
 from oaisys_dataset.reader import open_dataset
-from oaisys_dataset.rendering.dataset_rendering import dataset_info
-from oaisys_dataset.rendering.workers import write_world
-from oaisys_dataset.rendering.world_render import WorldRenderer
 from oaisys_dataset.repeat import repeat_records
-from oaisys_dataset.shards import HEAD
 
 SPLITS = "train=0.6,val=0.4"
 MORE = ("--splits", SPLITS, "--num-workers", 2)
@@ -53,18 +47,6 @@ render: {quality: preview}
 """,
 )
 BLENDER_WORLDS = 3
-
-
-def render_here(config: Path, out: Path) -> None:
-    """Render the data set in this process, without Ray."""
-    chosen = load_config(config)
-    splits = parse_splits(SPLITS)
-    place = open_place(out)
-    place.write(HEAD, dataset_info(chosen, WORLDS, VIEWS, splits).to_json().encode())
-    renderer = WorldRenderer(chosen, "test")
-    for task in world_tasks(chosen.seed, WORLDS, VIEWS, splits):
-        list(write_world(place, task, renderer.render(task)))
-    renderer.close()
 
 
 @pytest.fixture
@@ -127,7 +109,7 @@ def test_two_workers_make_the_data_set_that_one_process_makes(
 ):
     assert f"{WORLDS} of {WORLDS} worlds are finished" in undisturbed.ended.stdout
     assert "gravel" in undisturbed.ended.stdout  # the balance of the classes
-    render_here(undisturbed.config, tmp_path / "here")
+    render_here(undisturbed.config, tmp_path / "here", SPLITS)
     assert contents(undisturbed.folder) == contents(tmp_path / "here")
 
     dataset = open_dataset(undisturbed.folder)
