@@ -18,10 +18,10 @@ from oaisys_core.config import load_config
 from oaisys_dataset.places import open_place
 from oaisys_dataset.plan import parse_splits, world_tasks
 from oaisys_dataset.records import VARYING_FIELDS
-from oaisys_dataset.rendering import dataset_info
+from oaisys_dataset.rendering.dataset_rendering import dataset_info
+from oaisys_dataset.rendering.workers import write_world
+from oaisys_dataset.rendering.world_render import WorldRenderer
 from oaisys_dataset.shards import HEAD
-from oaisys_dataset.workers import write_world
-from oaisys_dataset.world_render import WorldRenderer
 
 CONFIG = """
 seed: 3
