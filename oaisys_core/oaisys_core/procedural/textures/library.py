@@ -24,6 +24,9 @@ from oaisys_core.procedural.textures.recipes import (
     loose,
     moss,
     rocks,
+    salt,
+    snow,
+    wind_ripples,
 )
 from oaisys_core.procedural.textures.recipes.finish import Recipe, TextureMaps
 from oaisys_core.scene import PbrMaps
@@ -37,6 +40,9 @@ RECIPES: dict[str, Recipe] = {
     **moss.RECIPES,
     **litter.RECIPES,
     **frozen.RECIPES,
+    **salt.RECIPES,
+    **snow.RECIPES,
+    **wind_ripples.RECIPES,
 }
 
 TEXTURES = frozenset(RECIPES)

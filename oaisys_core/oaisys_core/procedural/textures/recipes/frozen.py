@@ -1,9 +1,8 @@
-"""Recipes of frozen ground: snow, ice."""
+"""The recipe of lake ice."""
 
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import cells, fields
@@ -15,55 +14,6 @@ from oaisys_core.procedural.textures.recipes.finish import (
     smoothstep,
     tint,
 )
-
-
-def snow(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """Wind-packed snow: soft drifts, low sastrugi where wind cut layers away, a grainy crust."""
-    drift = fields.windblown(size_px, rng, (3.0, 4.5), 2.4)
-    ridges = fields.windblown(size_px, rng, (5.0, 11.0), 2.2)
-    flutes = fields.windblown(size_px, rng, (14.0, 40.0), 1.8)
-    crumbs = fields.tile_noise(size_px, 60, rng, 1.5)
-    grain = fields.grains(size_px, rng, 0.9)
-    eroded = smoothstep(-0.6, 1.8, drift + 0.5 * ridges)
-    layer = ridges + 0.25 * flutes
-    cut = smoothstep(0.0, 0.6, layer) + 0.7 * smoothstep(1.1, 1.6, layer)
-    height = 0.0034 * drift + 0.0013 * ridges + eroded * (0.0020 * cut + 0.0002 * flutes)
-    height += 0.00010 * crumbs + 0.00005 * grain
-    tone = 1 + 0.006 * grain + 0.006 * crumbs + 0.008 * drift
-    color = tint(tone, (0.80, 0.815, 0.83))
-    glazed = eroded * smoothstep(0.1, 1.0, layer)
-    color = blend(color, (0.735, 0.765, 0.795), 0.35 * glazed)
-    rough = 0.85 - 0.2 * glazed + 0.02 * grain
-    return finish_maps(color, height, rough, albedo=0.80, shade=0.2)
-
-
-def sastrugi(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """Sastrugi: ridges of old snow that the wind has carved, steep towards it, with long tails."""
-    ridge = fields.windblown(size_px, rng, (2.5, 9.0), 2.3)
-    flutes = fields.windblown(size_px, rng, (9.0, 42.0), 1.9)
-    drift = fields.windblown(size_px, rng, (1.5, 3.0), 2.6)
-    grain = fields.grains(size_px, rng, 0.9)
-    # The wind shifts crests along its way, the more the higher they are, which steepens one side.
-    steep = np.asarray(fields.blur(ridge, size_px / 200) * (0.011 * size_px), np.float32)
-    ridge = _shift(ridge, steep)
-    terrace = 0.5 * smoothstep(-0.2, 0.5, ridge) + 0.5 * smoothstep(0.9, 1.5, ridge)
-    height = 0.0035 * drift + 0.0030 * ridge + 0.0065 * terrace
-    height += (0.0008 + 0.0007 * terrace) * flutes + 0.00005 * grain
-    tone = 1 + 0.008 * grain + 0.006 * flutes + 0.008 * drift
-    color = tint(tone, (0.80, 0.818, 0.838))
-    glazed = terrace * smoothstep(-0.5, 1.5, flutes)
-    color = blend(color, (0.72, 0.757, 0.795), 0.4 * glazed)
-    rough = 0.84 - 0.16 * glazed + 0.02 * grain
-    return finish_maps(color, height, rough, albedo=0.79, shade=0.15)
-
-
-def _shift(field: Field, shift_px: Field) -> Field:
-    """Return a tileable field, moved along its rows by (N, N) pixels."""
-    size_px = len(field)
-    rows, columns = np.meshgrid(np.arange(size_px), np.arange(size_px), indexing="ij")
-    from_columns = columns - shift_px
-    moved = scipy.ndimage.map_coordinates(field, (rows, from_columns), order=1, mode="grid-wrap")
-    return np.asarray(moved, np.float32)
 
 
 def ice(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -113,7 +63,5 @@ def _fractures(
 
 
 RECIPES: dict[str, Recipe] = {
-    "snow": Recipe(snow, tile_m=4.0, albedo=(0.72, 0.88), subsurface=0.5, exposure=-0.8),
-    "sastrugi": Recipe(sastrugi, tile_m=7.0, albedo=(0.70, 0.86), subsurface=0.45, exposure=-0.3),
     "ice": Recipe(ice, tile_m=3.6, albedo=(0.15, 0.35), subsurface=0.6, exposure=-0.6),
 }

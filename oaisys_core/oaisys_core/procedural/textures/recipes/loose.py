@@ -1,4 +1,4 @@
-"""Recipes of loose ground: gravel, sand and its ripples, pebbles, regolith, soil."""
+"""Recipes of loose ground: gravel, sand, pebbles, regolith, soil."""
 
 from __future__ import annotations
 
@@ -17,10 +17,6 @@ from oaisys_core.procedural.textures.recipes.finish import (
     Color,
     Recipe,
     TextureMaps,
-    blend,
-    finish_maps,
-    smoothstep,
-    tint,
 )
 from oaisys_core.procedural.textures.recipes.stones import Ground, pour, stone_maps
 
@@ -159,25 +155,6 @@ def _gritty_sand(
     return stone_maps(Ground(height, shade, tone), bed, SAND_M, stones, rng, roughness=0.93)
 
 
-def rippled_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """Sand in wind ripples 10 cm apart: steep lee sides, forks, coarse grains on the crests."""
-    phase, amplitude = fields.narrow_band(size_px, 31, rng, (0.06, 0.12))
-    swell = fields.tile_noise(size_px, 3, rng, 2.3)
-    strength = smoothstep(0.0, 0.45, amplitude) * np.clip(0.9 + 0.12 * swell, 0.4, 1.2)
-    wave = np.cos(phase) + 0.20 * np.cos(2 * phase) + 0.24 * np.sin(2 * phase)
-    crumbs = fields.tile_noise(size_px, 60, rng, 1.5)
-    grain = fields.grains(size_px, rng, 0.7)
-    height = 0.00125 * strength * wave + 0.0013 * swell + 0.00007 * crumbs + 0.00006 * grain
-    # Wind sorts: coarse, bright grains ride on the crests, dark heavy ones stay in the troughs.
-    tone = 1 + 0.07 * strength * wave + 0.045 * grain + 0.03 * crumbs
-    tone += 0.03 * fields.tile_noise(size_px, 3, rng)
-    color = tint(tone, (0.46, 0.335, 0.215))
-    dark = np.clip(fields.tile_noise(size_px, 4, rng) - 0.4 - 0.7 * wave, 0, 1.5) * 0.07
-    color = blend(color, (0.20, 0.165, 0.13), dark)
-    rough = 0.93 + 0.02 * grain
-    return finish_maps(color, height, rough, albedo=0.32, shade=0.35)
-
-
 def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A river's bank: worn pebbles of many kinds of rock, sand between them.
 
@@ -267,7 +244,6 @@ def _stony(
 RECIPES: dict[str, Recipe] = {
     "gravel": _stony(gravel, GRAVEL_M, (0.1, 0.25), 0.6),
     "sand": _stony(sand, SAND_M, (0.2, 0.35), -0.8),
-    "rippled_sand": Recipe(rippled_sand, tile_m=3.2, albedo=(0.28, 0.4), exposure=-0.8),
     "red_sand": _stony(red_sand, SAND_M, (0.12, 0.25), -0.8),
     "gravel_dark": _stony(gravel_dark, GRAVEL_M, (0.03, 0.1), 0.6),
     "pebbles": _stony(pebbles, PEBBLES_M, (0.1, 0.25), 0.2),
