@@ -1,4 +1,4 @@
-"""Shapes that wind makes: what it leaves of sheets of snow, with tails behind their edges."""
+"""Shapes that wind makes: what it leaves of sheets of snow, tails behind edges, ripples of sand."""
 
 from __future__ import annotations
 
