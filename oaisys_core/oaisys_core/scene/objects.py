@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 from typing import Literal
 
 import numpy as np
@@ -76,6 +77,8 @@ class MeshPrototype(ShortRepr):
         material_of: (T,) uint16 index into ``materials`` of each triangle; None: the first.
         water: How it reflects and hides the bottom, if it is water.
         dust_m: Height above the ground up to which the ground's dust lies on it, at a scale of 1.
+        crease_rad: Angle between two triangles from which the edge between them is shaded sharp;
+            flatter edges are shaded as if the surface were smooth.
     """
 
     name: str
@@ -91,6 +94,7 @@ class MeshPrototype(ShortRepr):
     material_of: NDArray[np.uint16] | None = None
     water: WaterSurface | None = None
     dust_m: float = 0.0
+    crease_rad: float = pi
 
     @property
     def image_materials(self) -> tuple[MeshMaterial, ...]:

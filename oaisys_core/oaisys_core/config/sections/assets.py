@@ -5,7 +5,7 @@ Lengths are in metres, angles in degrees.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
@@ -27,6 +27,9 @@ MAX_GROUPS, MAX_OBJECTS = 1000, 2500
 """Largest numbers, so that each has its own instance ids."""
 
 
+Cover = Annotated[float, Field(gt=0, le=0.5)]
+
+
 class RockGroupConfig(Labelled):
     """Randomly scattered rocks of one kind.
 
@@ -35,6 +38,9 @@ class RockGroupConfig(Labelled):
     Attributes:
         kind: Shape, see ``oaisys_core.procedural.scatter.rocks``.
         count: (least, most) number of rocks.
+        cover: (least, most) share of the ground that rocks of all sizes cover, above 0 and at most
+            0.5. Number and sizes then follow the law of landing sites on Mars (Golombek and Rapp
+            1997) instead of ``count`` and ``size_exponent``.
         size_m: (smallest, largest) size along the longest axis.
         size_exponent: Exponent of the power law of sizes: the number above size D goes as
             D**-exponent.
@@ -45,6 +51,7 @@ class RockGroupConfig(Labelled):
 
     kind: str = "angular"
     count: tuple[Count, Count] = (120, 120)
+    cover: tuple[Cover, Cover] | None = None
     size_m: tuple[float, float] = (0.15, 1.2)
     size_exponent: Positive = 1.8
     variants: int = Field(default=24, ge=1, le=64)
@@ -53,10 +60,10 @@ class RockGroupConfig(Labelled):
     label: LabelText = "rock"
     semantic_id: SemanticId = 10
 
-    @field_validator("count", "size_m", "sink")
+    @field_validator("count", "cover", "size_m", "sink")
     @classmethod
-    def _check_order(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if value[0] < 0 or value[0] > value[1]:
+    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and (value[0] < 0 or value[0] > value[1]):
             raise ValueError("expected [least, most], the least at least 0")
         return value
 

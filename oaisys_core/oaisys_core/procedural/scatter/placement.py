@@ -28,6 +28,13 @@ TILT_SIZE_M, TILT_FACTORS = 0.5, (0.5, 1.6)
 """Size at which things tilt as much as they may, and least and largest factor of other sizes: large
 ones come to rest on a wide side, small ones anyhow."""
 
+SOURCES = 0.1
+"""Share of the things, the largest, beside which others lie as their fragments."""
+
+BESIDE, CLEAR = 1.1, 0.45
+"""Standard deviation, along either axis, of the distance of a fragment from its source, and how
+much farther it is for the source's own width; both in units of the source's size."""
+
 ALIGNED_SLOPE, ALIGNED = (0.1, 0.55), 0.3
 """Slopes from which things begin to lie along the slope, and from which their bearings spread by
 this share of a half turn only: what slides turns its long side downhill."""
@@ -53,27 +60,24 @@ def power_law_sizes(
 
 def scatter_on(
     ground: Ground,
-    count: int,
-    size_range_m: tuple[float, float],
+    sizes_m: FloatArray,
     rng: np.random.Generator,
     *,
-    size_exponent: float = 1.8,
     min_spacing: float = 0.5,
     sink: tuple[float, float] = (0.15, 0.4),
     max_slope_deg: float = 40.0,
     max_tilt_deg: float = 18.0,
     clumping: float = 0.7,
+    fragments: float = 0.0,
     height_share: float = 0.6,
     preference: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the poses of up to ``count`` objects on the ground.
+    """Return the poses of objects on the ground, fewer than there are sizes if there is no room.
 
     Args:
         ground: The ground.
-        count: Wanted number; fewer are returned if there is no room.
-        size_range_m: Smallest and largest size along the longest axis.
-        rng: Draws positions, sizes and orientations.
-        size_exponent: Exponent of the power law of sizes.
+        sizes_m: (M,) wanted sizes along the longest axis.
+        rng: Draws positions and orientations.
         min_spacing: Least distance between two objects, in units of their mean size.
         sink: Range of the share of an object's height below the ground; more if the ground is
             hollow or the object leans.
@@ -81,6 +85,8 @@ def scatter_on(
         max_tilt_deg: Largest tilt away from the ground's normal, about either axis, at
             `TILT_SIZE_M`.
         clumping: 0 for an even spread; with 1 some patches are almost empty.
+        fragments: Share of the objects that are drawn beside one of the largest, where they broke
+            off: the more, the larger its area is.
         height_share: Height of the objects relative to their longest axis.
         preference: Density at (N, 2) points, 0 to 1; None is 1 everywhere.
 
@@ -88,23 +94,48 @@ def scatter_on(
         (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
         first.
     """
-    sizes_m = np.sort(power_law_sizes(count, size_range_m, size_exponent, rng))[::-1]
+    sizes_m = np.sort(sizes_m)[::-1]
     density = np.clip(0.5 + 0.5 * clumping * _patches(ground, rng), 0.05, 1)
-    xy = np.zeros((0, 2))
-    for _ in range(ROUNDS):
-        missing = count - len(xy)
-        if missing == 0:
-            break
-        number = missing if preference is None else SPARE * missing
-        drawn = random_places(ground, number, sizes_m[0], rng)
+    margin_m = float(sizes_m[0]) if len(sizes_m) else 0.0
+
+    def draw(count: int, sources: FloatArray) -> FloatArray:
+        """Return up to (count, 2) places that the ground, patches and preference allow."""
+        number = count if preference is None else SPARE * count
+        drawn = random_places(ground, number, margin_m, rng)
+        if len(sources):
+            is_fragment = rng.uniform(size=number) < fragments
+            beside = _beside(sources, sizes_m[: len(sources)], number, rng)
+            drawn[is_fragment] = beside[is_fragment]
+        drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg]
         likely = _nearest(density, ground, drawn)
         if preference is not None:
             likely = likely * preference(drawn)
-        drawn = drawn[rng.uniform(size=number) < likely]
-        drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg][:missing]
-        xy = _keep_apart(np.vstack((xy, drawn)), sizes_m, min_spacing)
+        return drawn[rng.uniform(size=len(drawn)) < likely][:count]
+
+    xy = np.zeros((0, 2))
+    first = round(SOURCES * len(sizes_m)) if fragments else 0
+    for wanted in (first, len(sizes_m)):
+        sources = xy
+        for _ in range(ROUNDS):
+            missing = wanted - len(xy)
+            if missing == 0:
+                break
+            drawn = draw(missing, sources)
+            xy = _keep_apart(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
     return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
+
+
+def _beside(
+    sources: FloatArray, sizes_m: FloatArray, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """Return (count, 2) places beside (S, 2) sources with (S,) sizes."""
+    area = np.cumsum(sizes_m**2)
+    chosen = np.searchsorted(area, rng.uniform(size=count) * area[-1], side="right")
+    chosen = np.minimum(chosen, len(sources) - 1)
+    away = rng.normal(size=(count, 2)) * BESIDE
+    length = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
+    return np.asarray(sources[chosen] + away * (1 + CLEAR / length) * sizes_m[chosen, None])
 
 
 def _patches(ground: Ground, rng: np.random.Generator) -> Field:

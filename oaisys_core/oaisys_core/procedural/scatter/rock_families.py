@@ -14,6 +14,9 @@ from oaisys_core.types import FloatArray
 ROUNDED = frozenset({"rounded", "pebble"})
 """Kinds that water has worn; all others broke off steep ground."""
 
+FRAGMENTS = 0.5
+"""Share of broken rocks that lie beside a larger one; water takes those of rounded rocks away."""
+
 CELLS = 128
 """Cells along an edge of the ground at which scarps are looked for."""
 
@@ -25,6 +28,11 @@ REACH = 0.06
 
 MIN_DENSITY = 0.3
 """Density of the least liked places, relative to the most liked ones."""
+
+
+def fragment_share(kind: str) -> float:
+    """Return the share of rocks of a kind that lie beside a larger one, as its fragments."""
+    return 0.0 if kind in ROUNDED else FRAGMENTS
 
 
 def family_density(kind: str, ground: Ground) -> Density:

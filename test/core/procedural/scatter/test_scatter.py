@@ -3,15 +3,28 @@
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.procedural.scatter.abundance import rock_abundance
 from oaisys_core.procedural.scatter.density import bilinear
 from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
-from oaisys_core.procedural.scatter.rock_families import family_density
-from oaisys_core.procedural.scatter.rocks import ROCK_KINDS, icosphere, make_rock
+from oaisys_core.procedural.scatter.rock_families import ROUNDED, family_density
+from oaisys_core.procedural.scatter.rocks import (
+    ROCK_KINDS,
+    fine_rock,
+    icosphere,
+    make_rock,
+    moved_onto_edges,
+)
 from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.presets import make_ground
-from oaisys_core.scene import HeightField
+from oaisys_core.scene import HeightField, MeshPrototype
+from oaisys_core.types import FloatArray
+
+
+def sizes_m_of(count: int, least_m: float, most_m: float) -> FloatArray:
+    return power_law_sizes(count, (least_m, most_m), 1.8, np.random.default_rng(count))
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +55,46 @@ def test_kinds_differ_as_their_names_say() -> None:
     assert height("slab") < 0.7 * height("boulder")
 
 
+def test_facets_of_broken_rocks_are_plane_up_to_their_edges() -> None:
+    directions, triangles = icosphere(3)
+    turned = Rotation.from_rotvec((0.4, -0.7, 0.3)).as_matrix()
+    planes = np.concatenate((turned, -turned)) / 0.5
+
+    def volume_m3(directions: FloatArray) -> float:
+        vertices = directions / (directions @ planes.T).max(axis=1, keepdims=True)
+        a, b, c = (vertices[triangles[:, i]] for i in range(3))
+        return float((a * np.cross(b, c)).sum() / 6)
+
+    moved = moved_onto_edges(directions, triangles, lambda at: np.asarray(at @ planes.T))
+    assert np.allclose(np.linalg.norm(moved, axis=1), 1)
+    # Chords cut corners off a cube of 1 m³.
+    missing, still_missing = 1 - volume_m3(directions), 1 - volume_m3(moved)
+    assert missing > 0.015
+    assert 0 <= still_missing < 0.25 * missing
+
+
+def test_broken_rocks_have_sharp_edges_and_worn_ones_have_none() -> None:
+    for kind in ROCK_KINDS:
+        rocks = [fine_rock(kind, np.random.default_rng(s), 3) for s in range(4)]
+        sharp = np.mean([_share_of_sharp_bends(rock) for rock in rocks])
+        assert sharp < 0.15 if kind in ROUNDED else sharp > 0.45, kind
+
+
+def _share_of_sharp_bends(rock: MeshPrototype) -> float:
+    """Return the share of all bending, angle times length, that is in edges above 24 degrees."""
+    vertices_m, triangles = rock.vertices_m.astype(float), rock.triangles
+    a, b, c = (vertices_m[triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sides = np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    order = np.lexsort(sides.T)
+    of_side = np.tile(np.arange(len(triangles)), 3)[order].reshape(-1, 2)
+    start, end = vertices_m[sides[order][::2]].transpose(1, 0, 2)
+    angle_rad = np.arccos(np.clip((normals[of_side[:, 0]] * normals[of_side[:, 1]]).sum(1), -1, 1))
+    bend = angle_rad * np.linalg.norm(end - start, axis=1)
+    return float(bend[angle_rad > np.radians(24)].sum() / bend.sum())
+
+
 def test_rocks_repeat_by_seed() -> None:
     one, two, other = (make_rock("angular", np.random.default_rng(s), 2) for s in (1, 1, 2))
     assert one.vertices_m.tobytes() == two.vertices_m.tobytes()
@@ -65,7 +118,7 @@ def test_no_rock_floats(ground: HeightField, kind: str) -> None:
     rng = np.random.default_rng(1)
     rock = make_rock(kind, rng, 3).vertices_m
     height = float(rock[:, 2].max())
-    T_map_object, _ = scatter_on(ground, 300, (0.2, 1.5), rng, height_share=height)
+    T_map_object, _ = scatter_on(ground, sizes_m_of(300, 0.2, 1.5), rng, height_share=height)
     for T in T_map_object:
         vertices_m = rock @ T[:3, :3].T + T[:3, 3]
         above_m = vertices_m[:, 2] - ground.height_at(vertices_m[:, :2])
@@ -75,7 +128,7 @@ def test_no_rock_floats(ground: HeightField, kind: str) -> None:
 
 def test_rocks_keep_their_distance(ground: HeightField) -> None:
     T_map_object, sizes_m = scatter_on(
-        ground, 400, (0.3, 1.0), np.random.default_rng(2), min_spacing=1.0
+        ground, sizes_m_of(400, 0.3, 1.0), np.random.default_rng(2), min_spacing=1.0
     )
     pairs = cKDTree(T_map_object[:, :2, 3]).query_pairs(1.0, output_type="ndarray")
     gap_m = np.linalg.norm(
@@ -86,7 +139,7 @@ def test_rocks_keep_their_distance(ground: HeightField) -> None:
 
 
 def test_poses_are_rotations_times_the_size(ground: HeightField) -> None:
-    T_map_object, sizes_m = scatter_on(ground, 50, (0.3, 1.0), np.random.default_rng(3))
+    T_map_object, sizes_m = scatter_on(ground, sizes_m_of(50, 0.3, 1.0), np.random.default_rng(3))
     R = T_map_object[:, :3, :3] / sizes_m[:, None, None]
     assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-12)
     assert np.allclose(np.linalg.det(R), 1)
@@ -97,7 +150,11 @@ def test_things_lie_flat_on_a_slope() -> None:
     slope = np.tile(np.tan(np.radians(30)) * x, (129, 1)).astype(np.float32)
     ground = HeightField(slope, (-20.0, -20.0), 40 / 128)
     T_map_object, sizes_m = scatter_on(
-        ground, 60, (0.3, 2.0), np.random.default_rng(8), sink=(0.0, 0.0), max_tilt_deg=0.0
+        ground,
+        sizes_m_of(60, 0.3, 2.0),
+        np.random.default_rng(8),
+        sink=(0.0, 0.0),
+        max_tilt_deg=0.0,
     )
     up = T_map_object[:, :3, 2] / sizes_m[:, None]
     assert np.allclose(up, (-0.5, 0.0, np.sqrt(0.75)), atol=1e-5)
@@ -112,7 +169,7 @@ def test_large_things_lie_flatter_and_slid_ones_point_downhill() -> None:
         field = np.tile(steepness * x, (129, 1)).astype(np.float32)
         ground = HeightField(field, (-20.0, -20.0), 40 / 128)
         rng = np.random.default_rng(8)
-        T, sizes_m = scatter_on(ground, 300, (0.2, 2.0), rng, min_spacing=0.0)
+        T, sizes_m = scatter_on(ground, sizes_m_of(300, 0.2, 2.0), rng, min_spacing=0.0)
         R = T[:, :3, :3] / sizes_m[:, None, None]
         normal = np.array((-steepness, 0.0, 1.0)) / np.hypot(steepness, 1.0)
         lean_rad = np.arccos(R[:, :, 2] @ normal)
@@ -131,7 +188,7 @@ def test_rounded_rocks_lie_where_water_runs_and_angular_ones_near_scarps() -> No
     for kind in ("angular", "rounded"):
         liked = family_density(kind, ground)
         rng = np.random.default_rng(9)
-        T, _ = scatter_on(ground, 400, (0.1, 0.2), rng, clumping=0.0, preference=liked)
+        T, _ = scatter_on(ground, sizes_m_of(400, 0.1, 0.2), rng, clumping=0.0, preference=liked)
         assert len(T) == 400
         at[kind] = T[:, :2, 3]
     near = {kind: (np.abs(xy[:, 0] + 8) < 5).mean() for kind, xy in at.items()}
@@ -145,7 +202,7 @@ def test_no_rock_stands_on_steep_ground() -> None:
     slope = np.where(x > 0, np.tan(np.radians(50)) * x, 0).astype(np.float32)
     ground = HeightField(np.tile(slope, (129, 1)), (-20.0, -20.0), 40 / 128)
     T_map_object, _ = scatter_on(
-        ground, 100, (0.2, 0.5), np.random.default_rng(4), max_slope_deg=40.0
+        ground, sizes_m_of(100, 0.2, 0.5), np.random.default_rng(4), max_slope_deg=40.0
     )
     assert len(T_map_object) == 100
     assert (T_map_object[:, 0, 3] <= 0.4).all()
@@ -154,14 +211,47 @@ def test_no_rock_stands_on_steep_ground() -> None:
 def test_where_there_is_no_room_fewer_are_placed() -> None:
     ground = make_ground("plane", 4.0, 9, np.random.default_rng(0))
     T_map_object, sizes_m = scatter_on(
-        ground, 500, (1.0, 1.0), np.random.default_rng(5), min_spacing=1.0
+        ground, sizes_m_of(500, 1.0, 1.0), np.random.default_rng(5), min_spacing=1.0
     )
     assert 0 < len(T_map_object) == len(sizes_m) < 40
 
 
 def test_nothing_is_placed_where_nothing_is_wanted(ground: HeightField) -> None:
-    T_map_object, _ = scatter_on(ground, 0, (0.2, 0.5), np.random.default_rng(6))
+    T_map_object, _ = scatter_on(ground, sizes_m_of(0, 0.2, 0.5), np.random.default_rng(6))
     assert T_map_object.shape == (0, 4, 4)
+
+
+def test_fragments_lie_in_clusters_beside_larger_rocks(ground: HeightField) -> None:
+    def spread(fragments: float) -> float:
+        """Return the mean distance to the next rock over that of rocks anywhere (Clark and Evans,
+        Ecology 35(4), 1954).
+        """
+        rng = np.random.default_rng(11)
+        sizes_m = sizes_m_of(600, 0.1, 1.0)
+        T, _ = scatter_on(ground, sizes_m, rng, clumping=0.0, fragments=fragments)
+        assert len(T) == 600
+        xy = T[:, :2, 3]
+        nearest_m = cKDTree(xy).query(xy, k=2)[0][:, 1].mean()
+        x0, y0, x1, y1 = ground.extent_m
+        return float(nearest_m / (0.5 * np.sqrt((x1 - x0) * (y1 - y0) / 600)))
+
+    # By their standard error, 0.261 / 0.5 / sqrt(600).
+    error = 0.0213
+    assert abs(spread(0.0) - 1.0) < 5 * error
+    assert spread(0.5) < 1.0 - 5 * error
+
+
+def test_rocks_cover_as_much_ground_as_golombek_and_rapp_say() -> None:
+    cover, least_m, most_m = 0.08, 0.1, 1.5
+    q = 1.79 + 0.152 / cover
+    rocks = rock_abundance(cover, (least_m, most_m))
+    sizes_m = rocks.draw(200_000, np.random.default_rng(12))
+    assert sizes_m.min() >= least_m
+    assert sizes_m.max() <= most_m
+    for above_m in (least_m, 0.3):
+        area_m2 = np.pi / 4 * (sizes_m[sizes_m >= above_m] ** 2).sum() / len(sizes_m)
+        expected = cover * (np.exp(-q * above_m) - np.exp(-q * most_m))
+        assert rocks.per_m2 * area_m2 == pytest.approx(expected, rel=0.03)
 
 
 def test_sizes_follow_the_power_law() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 from typing import Any, Protocol
 
 import bpy
@@ -171,6 +172,8 @@ class SceneObjects:
     def _mesh(self, prototype: MeshPrototype) -> Any:
         if id(prototype) not in self._meshes:
             mesh = new_mesh(prototype.name, prototype.vertices_m, prototype.triangles, smooth=True)
+            if prototype.crease_rad < pi:
+                mesh.set_sharp_from_angle(angle=prototype.crease_rad)
             if prototype.image_materials and prototype.water is None:
                 add_materials(prototype, mesh)
             else:

@@ -13,6 +13,7 @@ from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, Ro
 from oaisys_core.config.sections.groups import MAX_INSTANCES, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.procedural.scatter.abundance import rock_abundance
 from oaisys_core.procedural.scatter.ground_pose import footprint_of, pose_on_ground
 from oaisys_core.procedural.scatter.groups import scatter_group
 from oaisys_core.procedural.scatter.ids import (
@@ -21,8 +22,8 @@ from oaisys_core.procedural.scatter.ids import (
     IdBlock,
     InstanceIdPlan,
 )
-from oaisys_core.procedural.scatter.placement import scatter_on
-from oaisys_core.procedural.scatter.rock_families import family_density
+from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
+from oaisys_core.procedural.scatter.rock_families import family_density, fragment_share
 from oaisys_core.procedural.scatter.rocks import make_rock
 from oaisys_core.procedural.scatter.trajectories import MoverTrajectory, make_trajectory
 from oaisys_core.procedural.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
@@ -313,6 +314,27 @@ def _rock_shapes(
     ]
 
 
+def _rock_sizes_m(
+    group: RockGroupConfig, factor: float, ground: Ground, rng: np.random.Generator
+) -> FloatArray:
+    """Return the sizes of a group's rocks, by its number or by the ground that they cover.
+
+    Raises:
+        InvalidInputError: More than `MAX_INSTANCES` rocks would cover so much ground.
+    """
+    if group.cover is None:
+        least, most = group.count
+        count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MAX_INSTANCES)
+        return power_law_sizes(count, group.size_m, group.size_exponent, rng)
+    rocks = rock_abundance(float(rng.uniform(*group.cover)), group.size_m)
+    x0, y0, x1, y1 = ground.extent_m
+    count = round(factor * rocks.per_m2 * (x1 - x0) * (y1 - y0))
+    if count > MAX_INSTANCES:
+        expected = f"a larger smallest size: {count} rocks are more than {MAX_INSTANCES}"
+        raise InvalidInputError("assets.rocks[].size_m", list(group.size_m), expected)
+    return rocks.draw(count, rng)
+
+
 def _rock_poses(
     group: RockGroupConfig,
     factor: float,
@@ -320,16 +342,13 @@ def _rock_poses(
     shapes: list[MeshPrototype],
     rng: np.random.Generator,
 ) -> FloatArray:
-    least, most = group.count
-    count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MAX_INSTANCES)
     T_map_object, _ = scatter_on(
         ground,
-        count,
-        group.size_m,
+        _rock_sizes_m(group, factor, ground, rng),
         rng,
-        size_exponent=group.size_exponent,
         sink=group.sink,
         max_slope_deg=group.max_slope_deg,
+        fragments=fragment_share(group.kind),
         preference=family_density(group.kind, ground),
         height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
     )

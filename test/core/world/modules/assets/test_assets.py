@@ -45,6 +45,28 @@ def inclined() -> HeightField:
     return HeightField(height, (-20.0, -20.0), 40 / 64)
 
 
+def test_rocks_can_be_as_many_as_cover_a_share_of_the_ground() -> None:
+    rocks = {"cover": [0.05, 0.05], "size_m": [0.15, 1.0], "variants": 1, "max_slope_deg": 90}
+    placed = Stand({"rocks": [rocks]}).world.placements
+    sizes_m = np.concatenate(
+        [np.linalg.norm(each.T_map_object[:, :3, 0], axis=1) for each in placed]
+    )
+    q = 1.79 + 0.152 / 0.05
+    share = 0.05 * (np.exp(-0.15 * q) - np.exp(-1.0 * q))
+    assert np.pi / 4 * (sizes_m**2).sum() / 40**2 == pytest.approx(share, rel=0.15)
+
+
+def test_more_rocks_than_a_world_holds_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match=r"assets.rocks\[\].size_m.*are more than 1000000"):
+        Stand({"rocks": [{"cover": [0.3, 0.3], "size_m": [0.001, 1.0], "variants": 1}]})
+
+
+@pytest.mark.parametrize("cover", [[0, 0.1], [0.2, 0.1], [0.1, 0.6]])
+def test_a_cover_is_a_range_of_shares(cover: list[float]) -> None:
+    with pytest.raises(ConfigError, match=r"assets.rocks.0.cover"):
+        config_from_mapping({"assets": {"rocks": [{"cover": cover}]}})
+
+
 class Stand:
     """A module with its world, stepped by hand on an inclined plane."""
 
