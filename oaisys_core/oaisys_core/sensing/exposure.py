@@ -9,6 +9,7 @@ rendered again looks the same.
 * The sky counts little, so that neither a bright nor a black one decides how the ground looks.
 * Dark ground is shown darker than bright ground, as far as the meter is told to: by itself it would
   show black sand and snow alike, as reflected-light meters do and incident-light meters do not.
+* Shade that no light reaches counts little beside ground that is lit.
 * Only a small share of the picture may be brighter than white, as in the automatic exposure of
   rovers' engineering cameras (Maki et al. 2003, Mars Exploration Rover Engineering Cameras).
 """
@@ -37,6 +38,10 @@ mean is taken again for that."""
 
 DARKEST_SKY_EV, DARKEST_GROUND_EV = -4.0, -12.0
 """Least that sky and ground count for, in stops beside each other: a black sky says nothing."""
+
+SHADE_EV, SHADE_WEIGHT = (-5.0, -7.0), 0.1
+"""Stops below lit ground between which ground begins to count as shade without any light, and from
+which it has this weight: on the Moon, it would leave the little that is lit white."""
 
 USUAL_ALBEDO, LEAST_ALBEDO = 0.2, 0.01
 """Albedo of ground that is exposed to the target itself, and the least that ground counts for."""
@@ -137,4 +142,16 @@ def _mean(luminance: Image, shown: Image) -> float:
     for _ in range(PASSES):
         saturated = np.minimum(cells, np.float32(mean * 2.0**SATURATION_EV))
         mean = float(np.average(saturated, weights=weights))
-    return mean
+    if mean <= 0.0:
+        return 0.0
+    return float(np.average(saturated, weights=weights * _lit(saturated, weights)))
+
+
+def _lit(cells: Image, weights: Image) -> Image:
+    """Return weights of cells: 1 where they are lit, `SHADE_WEIGHT` in shade without any light."""
+    # However little is lit, the mean of luminance weighted by itself is that of what is lit.
+    lit = float(np.average(cells, weights=weights * cells))
+    first, last = SHADE_EV
+    below_ev = np.log2(np.maximum(cells / np.float32(lit), np.float32(2.0**last)))
+    share = np.clip((below_ev - last) / (first - last), 0.0, 1.0)
+    return np.asarray(SHADE_WEIGHT + (1.0 - SHADE_WEIGHT) * share, np.float32)

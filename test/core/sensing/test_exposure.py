@@ -53,6 +53,21 @@ def test_neither_a_black_nor_a_bright_sky_decides_about_the_ground() -> None:
         assert abs(meter_ev(picture(0.09, sky), GROUND, METER) - even) < 0.1
 
 
+@pytest.mark.parametrize("lit_rows", [2, 4, 12, 20])
+def test_the_part_of_the_moon_that_a_low_sun_lights_is_not_white(lit_rows: int) -> None:
+    shade = picture(1e-4, 0.0)
+    shade[-lit_rows:] = 0.3
+    exposed = 0.3 * 2.0 ** meter_ev(shade, GROUND, METER, white=16.0)
+    assert 0.9 * METER.target < exposed < 4 * METER.target
+
+
+def test_shade_under_a_sky_counts_as_lit_ground() -> None:
+    shade = picture(0.02, 0.3)
+    shade[-12:] = 0.3
+    exposed = 0.16 * 2.0 ** meter_ev(shade, GROUND, METER, white=16.0)
+    assert exposed == pytest.approx(METER.target, rel=0.05)
+
+
 def test_a_lamps_light_on_dark_ground_is_not_white() -> None:
     night = picture(1e-4, 0.0)
     night[30:36, 20:40] = 0.02
