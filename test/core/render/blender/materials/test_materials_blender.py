@@ -115,13 +115,13 @@ def cases() -> dict[str, tuple[Scene, PlacedCamera]]:
         found[name] = (world(level(), (TerrainLayer("a", (9,), maps),)), high)
     T = np.diag((2.0, 2.0, 2.0, 1.0))
     T[:2, 3] = (0.2, 0.9)
-    # So deep that its rim is seen from above.
-    T[2, 3] = -0.7
+    boulder = make_rock("boulder", np.random.default_rng(0), 2)
+    # So deep that its rim is seen from above: it is widest below.
+    T[2, 3] = -0.7 * 2.0 * boulder.vertices_m[:, 2].max()
     placed = Placement(0, (10,), T[None], np.array([1], np.uint32))
     near = camera(pose_looking_down(0.0, 0.0, 6.0), VIEW, (ALBEDO, INSTANCE))
     for name, dust_m in {"rock": DUST_M, "clean rock": 0.0}.items():
-        rock = make_rock("boulder", np.random.default_rng(0), 2)
-        rock = replace(rock, dust_m=dust_m)
+        rock = replace(boulder, dust_m=dust_m)
         scene = replace(found["even"][0], prototypes=(rock,), placements=(placed,))
         found[name] = (scene, near)
     return found
