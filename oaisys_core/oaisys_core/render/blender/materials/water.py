@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from math import pi
 from typing import Any
 
 import numpy as np
@@ -20,15 +21,13 @@ from oaisys_core.render.blender.materials.surfaces import (
 )
 from oaisys_core.render.shading.looks import IOR, WET_DARKENING
 from oaisys_core.render.shading.ripples import (
+    FINEST_ALPHA,
     MAX_SLOPE,
     RIPPLE_TILES_M,
     RIPPLES_TO_M,
     ripple_slopes,
 )
 from oaisys_core.scene import MeshPrototype
-
-ROUGHNESS = 0.06
-"""Of ripples finer than the image."""
 
 
 def water_material(prototype: MeshPrototype) -> Any:
@@ -47,11 +46,20 @@ def water_material(prototype: MeshPrototype) -> Any:
     body, airlight = diffuse(tree, paint.outputs["Color"], 0.5, None)
     clear = tree.add("BsdfTransparent").outputs[0]
     below = tree.mix(paint.outputs["Alpha"], clear, body)
-    normal = _ripples(tree, MAX_SLOPE * water.waves)
-    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
+    slopes, variance = _ripples(tree, MAX_SLOPE * water.waves)
+    leaning = tree.vector("ADD", slopes, _slope_towards_eye(tree, variance))
+    # The glossy surface prefers facets that face the eye by itself, Fresnel's law does not.
+    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": _normal(tree, leaning)}).outputs[0]
     seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
-    inputs: dict[str | int, Any] = {"Color": seen, "Roughness": ROUGHNESS, "Normal": normal}
-    mirror = tree.add("BsdfGlossy", inputs).outputs[0]
+    # Blender's roughness is the root of alpha, and alpha is sqrt(2) deviations.
+    spread = tree.math("MULTIPLY_ADD", variance, 2.0, FINEST_ALPHA**2)
+    inputs: dict[str | int, Any] = {
+        "Color": seen,
+        "Roughness": tree.math("POWER", spread, 0.25),
+        "Normal": _normal(tree, slopes),
+    }
+    # Slopes are normally distributed; the default has tails in which the sun would glitter afar.
+    mirror = tree.add("BsdfGlossy", inputs, distribution="BECKMANN").outputs[0]
     show(tree, tree.mix(fresnel, below, mirror), airlight)
     return result
 
@@ -66,8 +74,12 @@ def wet(tree: NodeTree, surface: Socket, bank_m: tuple[float, float]) -> Socket:
     return tree.mix(tree.math("MULTIPLY", share, WET_DARKENING), surface, black)
 
 
-def _ripples(tree: NodeTree, slope: float) -> Socket:
-    """Return the normal of a rippled level surface with a standard deviation of its slope."""
+def _ripples(tree: NodeTree, slope: float) -> tuple[Socket, Socket]:
+    """Return the slopes of a rippled level surface, and the variance of those that it lacks.
+
+    Args:
+        slope: Standard deviation of its slope along one axis, close to the camera.
+    """
     position = tree.add("NewGeometry").outputs["Position"]
     image = new_image("ripples", _ripple_pixels(), is_float=True, is_color=False)
     # Further away, a pixel sees many ripples, whose mean slope is small.
@@ -78,8 +90,25 @@ def _ripples(tree: NodeTree, slope: float) -> Socket:
         place = tree.scale(position, 1 / tile_m)
         texel = tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
         slopes = tree.vector("MULTIPLY_ADD", texel, (slope / 2**0.5, slope / 2**0.5, 0.0), slopes)
-    slopes = tree.vector("ADD", tree.scale(slopes, near), (0.0, 0.0, 1.0))
-    return tree.vector("NORMALIZE", slopes)
+    squared = tree.math("MULTIPLY", near, near)
+    variance = tree.math("MULTIPLY_ADD", squared, -(slope**2), slope**2)
+    return tree.scale(slopes, near), variance
+
+
+def _slope_towards_eye(tree: NodeTree, variance: Socket) -> Socket:
+    """Return the slopes of `slope_towards_eye`, as a level vector."""
+    to_eye = tree.add("NewGeometry").outputs["Incoming"]
+    upward = tree.math("MAXIMUM", tree.component(to_eye, 2), 1e-3)
+    level = tree.vector("MULTIPLY", to_eye, (1.0, 1.0, 0.0))
+    tangents = tree.scale(level, tree.math("DIVIDE", 1.0, upward))
+    squared = tree.add("VectorMath", {0: tangents, 1: tangents}, operation="DOT_PRODUCT")
+    steepness = tree.math("MULTIPLY", variance, squared.outputs["Value"])
+    shown = tree.math("SQRT", tree.math("MULTIPLY_ADD", steepness, 2 / pi, 1.0))
+    return tree.scale(tangents, tree.math("DIVIDE", variance, shown))
+
+
+def _normal(tree: NodeTree, slopes: Socket) -> Socket:
+    return tree.vector("NORMALIZE", tree.vector("ADD", slopes, (0.0, 0.0, 1.0)))
 
 
 @cache

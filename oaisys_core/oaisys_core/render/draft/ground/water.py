@@ -15,7 +15,9 @@ from oaisys_core.render.shading.ripples import (
     MAX_SLOPE,
     RIPPLE_TILES_M,
     RIPPLES_TO_M,
+    hidden_variance,
     ripple_slopes,
+    slope_towards_eye,
 )
 from oaisys_core.scene import Scene
 from oaisys_core.types import FloatArray
@@ -66,7 +68,7 @@ class WaterMirror:
         points_m = view.points_m.reshape(-1, 3)[pixels]
         rays = normalise(view.directions.reshape(-1, 3)[pixels].astype(np.float32))
         waves = self._waves[np.searchsorted(self._ids, ids[pixels])]
-        normal = self._normals(points_m, distance_m.reshape(-1)[pixels], waves)
+        normal = self._normals(points_m, distance_m.reshape(-1)[pixels], waves, rays)
         cos = np.clip(-np.einsum("ij,ij->i", rays, normal), 1e-3, 1)
         mirrored = rays + 2 * cos[:, None] * normal
         # Ripples must not mirror what is below the water.
@@ -76,8 +78,10 @@ class WaterMirror:
         )
         return Mirror(pixels, fresnel(cos), mirrored, is_sky)
 
-    def _normals(self, points_m: FloatArray, distance_m: Floats, waves: Floats) -> Floats:
-        """Return the (N, 3) normals of the rippled surface."""
+    def _normals(
+        self, points_m: FloatArray, distance_m: Floats, waves: Floats, rays: Floats
+    ) -> Floats:
+        """Return the (N, 3) mean normals of the rippled surface that (N, 3) rays see."""
         assert self._ripples is not None
         level = np.zeros(len(points_m), np.uint8)
         slopes = np.zeros((len(points_m), 2), np.float32)
@@ -87,6 +91,11 @@ class WaterMirror:
             slopes += self._ripples.look_up(places)
         near = np.minimum(RIPPLES_TO_M / np.maximum(distance_m, 1e-3), 1)
         slopes *= (near * waves * np.float32(MAX_SLOPE / 2**0.5))[:, None]
+        upward = np.maximum(-rays[:, 2], 1e-3)
+        level_m = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-6)
+        variance = hidden_variance(distance_m, waves * np.float32(MAX_SLOPE))
+        leaning = slope_towards_eye(variance, level_m / upward)
+        slopes -= rays[:, :2] * (leaning / level_m)[:, None]
         normal = np.ones((len(points_m), 3), np.float32)
         normal[:, :2] = slopes
         return normalise(normal)
