@@ -8,11 +8,17 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.color import linear, srgb
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 """Corners of a cube with edges of length 2."""
+
+CUTICLE = 0.034
+"""Share of light that the wax on a leaf reflects without colouring it: Fresnel's law at the
+vertical for a refractive index of 1.45 (Bousquet et al., Remote Sens. Environ. 98, 2005). Without
+it, leaves have the blue of their pigments alone, and look neon."""
 
 
 class MeshBuilder:
@@ -184,10 +190,12 @@ class MeshBuilder:
         self.add(high, fan, color_srgb)
 
     def mesh(self, name: str, dust_m: float = 0.0) -> MeshPrototype:
-        """Return the mesh of all parts; see `MeshPrototype` for ``dust_m``."""
+        """Return the mesh of all parts, leaves with their wax; ``dust_m``: see `MeshPrototype`."""
         colors = np.clip(np.vstack(self._colors), 0, 1)
-        mean = colors.mean(axis=0)
         translucency = np.concatenate(self._translucency)
+        leaves = translucency > 0
+        colors[leaves] = _under_cuticle(colors[leaves])
+        mean = colors.mean(axis=0)
         return MeshPrototype(
             name=name,
             vertices_m=np.vstack(self._vertices).astype(np.float32),
@@ -246,6 +254,11 @@ def _bevel_polygons() -> list[list[tuple[int, int]]]:
 def _corner(signs: dict[int, int]) -> int:
     """Return the index of a corner by its sign along each axis."""
     return int(np.flatnonzero(np.equal(CORNERS, [signs[axis] for axis in range(3)]).all(axis=1))[0])
+
+
+def _under_cuticle(color_srgb: FloatArray) -> FloatArray:
+    """Return (N, 3) colours of leaves with the light that their wax reflects."""
+    return np.asarray(srgb(CUTICLE + (1 - CUTICLE) * linear(color_srgb)))
 
 
 def _across(along: FloatArray) -> FloatArray:

@@ -61,8 +61,9 @@ ROCK_BUMP_M = 0.02
 ROCK_BRIGHTNESS = (0.85, 0.3)
 """Least brightness factor of a rock, and the range of its random part."""
 
-PLANT_BRIGHTNESS = (0.82, 0.36)
-"""Least brightness factor of a plant, and the range of its random part."""
+PLANT_TINTS = ((0.74, 0.8, 0.82), (1.26, 1.2, 1.08))
+"""Factors on the linear colour of the darkest, coldest plant and of the brightest, most yellow one.
+Individuals differ in chlorophyll, which absorbs red more than green."""
 
 THROUGH_LEAF = (1.15, 1.1, 0.6)
 """Colour of light that went through a leaf, relative to that of light that its surface reflects:

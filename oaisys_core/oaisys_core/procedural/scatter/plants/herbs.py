@@ -30,6 +30,9 @@ WHITE, YELLOW, CLOVER = (0.90, 0.89, 0.84), (0.85, 0.66, 0.10), (0.62, 0.36, 0.5
 MAX_BLADES, MAX_STALKS = 4000, 100
 """Largest numbers of blades of one kind and of stalks in a meadow, at any size."""
 
+RIM_STUNTING = 0.55
+"""Share of their length that blades at the rim of a patch of meadow lack."""
+
 GRAIN_M, HAIR_M = 0.005, 0.005
 """Widths of grains in ears, and of the branches of a reed's plume."""
 
@@ -190,14 +193,18 @@ def _grass(
 ) -> None:
     """Add blades of grass that grow in tufts within a disc of the radius ``spread``.
 
-    ``count`` blades of 7 mm cover a meadow of 1 m; there are as many as cover this one.
+    Towards its rim they get sparse and short, so that patches blend into each other and into the
+    turf around them. ``count`` blades of 7 mm cover a meadow of 1 m; there are as many as cover
+    this one.
     """
     low = max(size_m, 1.0)
     count = min(round(count * 0.007 * size_m * low / blade.mean_width_m), MAX_BLADES)
     count = max(count, 10)
     length = (length[0] / low, length[1] / low)
     tufts = count // 5
-    centres = _disc(rng, tufts, spread)
+    edge = np.sqrt(1 - np.sqrt(rng.uniform(size=tufts)))
+    centres = spread * edge[:, None] * _around(rng, tufts)
+    vigour = 1 - RIM_STUNTING * edge**2
     dry = rng.uniform(size=tufts) ** 2
     tuft = rng.integers(tufts, size=count)
     feet = centres[tuft] + 0.035 / low * _level(rng, count)
@@ -205,7 +212,7 @@ def _grass(
     leaves = stems(
         feet,
         UP + leaning,
-        rng.uniform(*length, count),
+        vigour[tuft] * rng.uniform(*length, count),
         np.zeros(count),
         StemRule(1, bend=-0.8, wander=0.15, points=4),
         rng,
@@ -319,6 +326,11 @@ def _level(rng: np.random.Generator, count: int) -> FloatArray:
 
 def _disc(rng: np.random.Generator, count: int, radius: float) -> FloatArray:
     """Return (count, 3) points on a level disc."""
+    ways = _around(rng, count)
+    return np.asarray(radius * np.sqrt(rng.uniform(size=count))[:, None] * ways)
+
+
+def _around(rng: np.random.Generator, count: int) -> FloatArray:
+    """Return (count, 3) level unit vectors."""
     angle = rng.uniform(0, 2 * np.pi, count)
-    distance = radius * np.sqrt(rng.uniform(size=count))
-    return np.column_stack((distance * np.cos(angle), distance * np.sin(angle), np.zeros(count)))
+    return np.column_stack((np.cos(angle), np.sin(angle), np.zeros(count)))

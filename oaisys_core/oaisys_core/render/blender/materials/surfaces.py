@@ -20,7 +20,7 @@ from oaisys_core.render.shading.looks import (
     DULL,
     IOR,
     OBJECT_ROUGHNESS,
-    PLANT_BRIGHTNESS,
+    PLANT_TINTS,
     ROCK_BRIGHTNESS,
     ROCK_BUMP_M,
     SHINY,
@@ -152,10 +152,12 @@ def color_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
 
 
 def _show_leaves(tree: NodeTree, color: Socket) -> None:
-    """Let light through leaves; brightness differs from instance to instance."""
-    least, range_ = PLANT_BRIGHTNESS
+    """Let light through leaves; their tint differs from instance to instance."""
+    least, most = PLANT_TINTS
+    spread = tuple(high - low for low, high in zip(least, most, strict=True))
     random = tree.add("ObjectInfo").outputs["Random"]
-    color = tree.scale(color, tree.math("MULTIPLY_ADD", random, range_, least))
+    tint = tree.vector("MULTIPLY_ADD", spread, tree.combine(random, random, random), least)
+    color = tree.vector("MULTIPLY", color, tint)
     surface, airlight = diffuse(tree, color, OBJECT_ROUGHNESS, None)
     through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
     behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]

@@ -36,7 +36,7 @@ from oaisys_core.render.shading.looks import (
     DUST_ON_TOP,
     MAX_DUST,
     OBJECT_ROUGHNESS,
-    PLANT_BRIGHTNESS,
+    PLANT_TINTS,
     ROCK_BRIGHTNESS,
 )
 from oaisys_core.render.shading.texture_levels import LevelStore
@@ -147,8 +147,8 @@ class ObjectLook:
                 for values, found in zip((color, normal, roughness), rock, strict=True):
                     put(values, at, found)
             elif kind.translucency is not None:
-                least, range_ = PLANT_BRIGHTNESS
-                put(color, at, some.color * (least + range_ * some.random)[:, None])
+                least, most = np.array(PLANT_TINTS, np.float32)
+                put(color, at, some.color * (least + (most - least) * some.random[:, None]))
             elif kind.vertex_colors_srgb is None:
                 color[at] = linear(kind.color_srgb)
             elif kind.dust_m:
