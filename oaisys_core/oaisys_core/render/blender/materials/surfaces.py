@@ -13,7 +13,7 @@ from oaisys_core.render.blender.compat import node_tree_of
 from oaisys_core.render.blender.materials.contact import with_dust
 from oaisys_core.render.blender.materials.haze import through_haze, without_light_sampling
 from oaisys_core.render.blender.materials.images import BYTE, ImageStore
-from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
 from oaisys_core.render.blender.objects.instances import SIZE
 from oaisys_core.render.shading.looks import (
     BOX_BLEND,
@@ -154,9 +154,8 @@ def color_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
 def _show_leaves(tree: NodeTree, color: Socket) -> None:
     """Let light through leaves; their tint differs from instance to instance."""
     least, most = PLANT_TINTS
-    spread = tuple(high - low for low, high in zip(least, most, strict=True))
     random = tree.add("ObjectInfo").outputs["Random"]
-    tint = tree.vector("MULTIPLY_ADD", spread, tree.combine(random, random, random), least)
+    tint = tree.color_mix(random, (*least, 1.0), (*most, 1.0)).outputs[MIX_RESULT]
     color = tree.vector("MULTIPLY", color, tint)
     surface, airlight = diffuse(tree, color, OBJECT_ROUGHNESS, None)
     through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
