@@ -20,7 +20,6 @@ from waiting import START_PATIENCE_S
 from oaisys_core.errors import InvalidInputError
 from oaisys_dataset.cli.dataset import dataset_app
 from oaisys_dataset.plan import SPLITS
-from oaisys_dataset.ray_session import RaySettings, ray_session
 from oaisys_dataset.rendering.ray_session import ray_session
 from oaisys_dataset.rendering.ray_settings import RaySettings
 
