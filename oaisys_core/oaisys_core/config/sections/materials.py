@@ -91,7 +91,7 @@ class MaskConfig(Section):
 
     method: Literal["patches", "noise"] = "patches"
     scale_m: Positive = 9.0
-    sharpness: float = Field(default=0.5, ge=0, le=1)
+    sharpness: float = Field(default=0.15, ge=0, le=1)
     relief: Share = 0.7
     noise: NoiseConfig = NoiseConfig()
     size_px: int = Field(default=1024, ge=2, le=8192)
