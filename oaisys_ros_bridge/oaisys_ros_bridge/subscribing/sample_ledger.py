@@ -27,12 +27,14 @@ class _Entry:
     """An announced sample that is still open: neither complete nor incomplete.
 
     Attributes:
+        order: Which bridge announced it, and its number there.
         missing: What has not come.
         needed: Without which there is no result.
         result: What is made of the messages, and comes after them; empty: nothing is.
     """
 
     name: SampleName
+    order: tuple[int, int]
     announced_s: float
     missing: set[str]
     needed: Collection[str]
@@ -63,12 +65,14 @@ class SampleLedger:
         self._early: OrderedDict[int, set[str]] = OrderedDict()
         self._late: OrderedDict[int, set[str]] = OrderedDict()
         self._unseen: dict[int, frozenset[str]] = {}
+        self._bridge = 0
         self._sequence = 0
         self._from_first = False
         self._begun_at: tuple[int, frozenset[str]] = (1, frozenset())
         self._announced = self._settled = self._incomplete = 0
         self._lost: Counter[str] = Counter()
         self._last: SampleName | None = None
+        self._last_order = (0, 0)
 
     @property
     def state(self) -> LedgerState:
@@ -108,10 +112,14 @@ class SampleLedger:
         """
         with self._changed:
             expected = {*topics, result} if result else set(topics)
-            self._follow(sequence or name.sample_id, frozenset(topics))
+            number = sequence or name.sample_id
+            self._follow(number, frozenset(topics))
             missing = expected - self._early.pop(name.stamp_ns, set())
-            entry = _Entry(name, self._clock(), missing, needed, result)
+            order = self._bridge, number
+            entry = _Entry(name, order, self._clock(), missing, needed, result)
             self._open[name.stamp_ns] = entry
+            if number < self._sequence:  # its successor was announced before
+                self._open = OrderedDict(sorted(self._open.items(), key=lambda each: each[1].order))
             for what in expected - missing:
                 self._lose_before(entry, what)
             settled = self._settle()
@@ -204,6 +212,7 @@ class SampleLedger:
             return
         if sequence <= self._sequence:  # the numbers begin again with another bridge
             self._unseen.clear()
+            self._bridge += 1
             self._sequence = 0
         if self._sequence or self._from_first:
             self._miss(range(self._sequence + 1, sequence), topics)
@@ -264,7 +273,8 @@ class SampleLedger:
             del self._open[stamp_ns]
             settled = True
             self._settled += 1
-            self._last = entry.name
+            if entry.order >= self._last_order:
+                self._last, self._last_order = entry.name, entry.order
             if entry.lost:
                 self._incomplete += 1
                 self._lost.update(entry.lost)

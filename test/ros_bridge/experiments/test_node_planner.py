@@ -74,6 +74,7 @@ def test_planners_that_fail_are_marked_and_the_others_go_on(world, tmp_path, ros
     # The map is that of the first one that did not fail.
     assert (figures["planner"], figures["views"]) == ("random", 2)
     assert len(figures["failed"]) == 3
+    assert figures["lost"] == []
     assert f"bad failed in world 1 after 1 view: {reasons[0]}" in result.stderr + result.stdout
     assert "did not choose a pose within 1 s" in (tmp_path / "out" / "report.html").read_text()
 

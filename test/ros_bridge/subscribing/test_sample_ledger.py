@@ -129,6 +129,26 @@ def test_an_announcement_that_a_thread_takes_late_is_not_lost(watched):
     assert (state.announced, state.settled, state.incomplete, state.lost) == (3, 3, 0, {})
 
 
+def test_an_announcement_taken_late_takes_its_place_before_its_successor_s(watched):
+    watched.announce(1)
+    watched.arrive(1)
+    watched.announce(3)
+    watched.announce(2)  # by another thread, a moment later
+
+    watched.arrive(2)
+
+    assert watched.ledger.state.last == name(2)
+    assert watched.ledger.state.lost == {}
+    watched.arrive(3)
+    assert watched.ledger.state.last == name(3)
+    watched.announce(5)
+    watched.arrive(5)
+    watched.announce(4)
+    watched.arrive(4)
+    state = watched.ledger.state
+    assert (state.last, state.settled, state.incomplete) == (name(5), 5, 0)
+
+
 def test_another_bridge_begins_to_count_anew(watched):
     for stamp_ns, sequence in ((10, 7), (20, 1), (30, 2)):
         watched.ledger.announce(SampleName(1, sequence, stamp_ns), sequence, ())
