@@ -67,7 +67,8 @@ class GroupCount:
     """How many objects of a group stand in a world.
 
     Attributes:
-        name: Name of the group.
+        name: Name of the group; `rocks.0` for the first of `assets.rocks`, which is only there if
+            some had no room.
         asked: Number drawn from its range of counts, times the factors of the metadata.
         placed: Number for which there was room where its densities are not 0.
     """

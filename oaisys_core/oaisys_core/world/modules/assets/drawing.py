@@ -179,9 +179,13 @@ class AssetGenerator:
         """Draw all rocks from one random stream and return their number."""
         number = 0
         maps = self._library.rock_maps() if self._config.rocks else None
-        for group in self._config.rocks:
+        for index, group in enumerate(self._config.rocks):
             shapes = _rock_shapes(group, maps, self._rng)
-            T_map_object = _rock_poses(group, factor, self._ground, shapes, self._rng)
+            sizes_m = _rock_sizes_m(group, factor, self._ground, self._rng)
+            T_map_object = _rock_poses(group, sizes_m, self._ground, shapes, self._rng)
+            if len(T_map_object) < len(sizes_m):
+                placed = GroupCount(f"rocks.{index}", len(sizes_m), len(T_map_object))
+                self._counts.append(placed)
             shape_of = self._rng.integers(len(shapes), size=len(T_map_object))
             ids = self._plan.rocks.ids(number + len(T_map_object))[number:]
             number += len(T_map_object)
@@ -337,14 +341,14 @@ def _rock_sizes_m(
 
 def _rock_poses(
     group: RockGroupConfig,
-    factor: float,
+    sizes_m: FloatArray,
     ground: Ground,
     shapes: list[MeshPrototype],
     rng: np.random.Generator,
 ) -> FloatArray:
     T_map_object, _ = scatter_on(
         ground,
-        _rock_sizes_m(group, factor, ground, rng),
+        sizes_m,
         rng,
         sink=group.sink,
         max_slope_deg=group.max_slope_deg,

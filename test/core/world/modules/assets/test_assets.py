@@ -150,6 +150,15 @@ def test_counts_say_how_many_were_asked_for_and_how_many_stand() -> None:
     assert len(stand.ids) == stones.placed + crowded.placed
 
 
+def test_rocks_without_room_are_counted() -> None:
+    few = {"kind": "pebble", "count": [4, 4], "size_m": [0.1, 0.1]}
+    crowded = {"kind": "boulder", "count": [300, 300], "size_m": [6.0, 6.0]}
+    stand = Stand({"rocks": [few, crowded]})
+    (counted,) = stand.world.group_counts
+    assert (counted.name, counted.asked) == ("rocks.1", 300)
+    assert len(stand.ids) == 4 + counted.placed < 304
+
+
 def test_a_group_is_there_as_often_as_its_probability_says() -> None:
     assets = {"groups": [STONES | {"count": [1, 1], "variants": 1, "probability": 0.3}]}
     there = [len(Stand(assets, seed).ids) for seed in range(200)]
