@@ -33,6 +33,7 @@ from oaisys_core.config.draw_checks import (
 from oaisys_core.config.draws import Draws, put_back, separate
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
+from oaisys_core.config.sections.body_sky import with_sky_of_body
 from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig
@@ -134,7 +135,7 @@ class SimulationConfig(Section):
             plain, draws = separate(data, cls)
         except InvalidInputError as error:
             raise error_of(error) from error
-        config = handler(plain)
+        config = handler(with_sky_of_body(plain))
 
         def check(each: dict[str, Any]) -> SimulationConfig:
             return cls.model_validate(each, context=info.context)

@@ -173,3 +173,36 @@ def test_labels_that_no_data_set_can_hold_are_refused(
         load_config(write(tmp_path, section % label))
     assert path in str(refused.value)
     assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("data", "model"),
+    [
+        ({"stage": {"body": "moon"}}, "none"),
+        ({"stage": {"body": 1.7374e6}, "environment": {"sun_elevation_deg": 9}}, "none"),
+        ({"stage": {"body": "mars"}}, "plain"),
+        (
+            {"stage": {"body": "mars"}, "environment": {"sky": {"model": "atmosphere"}}},
+            "atmosphere",
+        ),
+        ({"stage": {"body": "earth"}}, "atmosphere"),
+        ({"stage": {"body": 5e6}}, "atmosphere"),
+    ],
+)
+def test_without_a_sky_of_its_own_a_world_has_that_of_its_body(
+    data: dict[str, Any], model: str
+) -> None:
+    config = config_from_mapping(data)
+    assert config.environment.sky.model == model
+    assert config_from_mapping(config.model_dump()) == config
+
+
+def test_the_sky_of_mars_is_brighter_and_redder_at_the_horizon() -> None:
+    sky = config_from_mapping({"stage": {"body": "mars"}}).environment.sky
+    assert sky.horizon_srgb > sky.zenith_srgb
+    assert all(red > blue for red, _, blue in (sky.horizon_srgb, sky.zenith_srgb))
+
+
+def test_a_body_that_is_not_valid_is_refused_where_it_stands() -> None:
+    with pytest.raises(ConfigError, match=r"stage\.body"):
+        config_from_mapping({"stage": {"body": "venus"}})

@@ -16,8 +16,8 @@ RIPPLES_PX, RIPPLE_TILES_M = 256, (1.7, 7.3)
 """Size of the image of ripples, and the edges of its tiles: two copies hide the repetition."""
 
 MAX_SLOPE = 0.16
-"""Standard deviation of the slope at the strongest ripples: sqrt(0.003 + 0.00512 v) for a wind of
-v = 4.5 m/s (Cox and Munk 1954)."""
+"""Standard deviation of the slope along one axis at the strongest ripples: that of both axes
+together is sqrt(0.003 + 0.00512 v), here for a wind of v = 9.4 m/s (Cox and Munk 1954)."""
 
 RIPPLES_TO_M = 8.0
 """Distance from which ripples are fainter, in inverse proportion."""

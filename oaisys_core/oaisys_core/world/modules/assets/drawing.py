@@ -176,7 +176,11 @@ class AssetGenerator:
         )
 
     def _draw_rocks(self, factor: float) -> int:
-        """Draw all rocks from one random stream and return their number."""
+        """Draw all rocks from one random stream and return their number.
+
+        Raises:
+            InvalidInputError: They are more than `MAX_INSTANCES`, or those of one group are.
+        """
         number = 0
         maps = self._library.rock_maps() if self._config.rocks else None
         for index, group in enumerate(self._config.rocks):
@@ -189,6 +193,9 @@ class AssetGenerator:
             shape_of = self._rng.integers(len(shapes), size=len(T_map_object))
             ids = self._plan.rocks.ids(number + len(T_map_object))[number:]
             number += len(T_map_object)
+            if number > MAX_INSTANCES:
+                expected = f"at most {MAX_INSTANCES} in all groups together"
+                raise InvalidInputError("assets.rocks", f"{number} rocks", expected)
             self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids)
         return number
 
