@@ -104,7 +104,7 @@ def fine_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
         raise InvalidInputError("kind", kind, one_of(ROCK_KINDS, kind))
     style = STYLES[kind]
     directions, triangles = icosphere(subdivisions)
-    lumps = Waves.drawn(rng, frequency=2.5, octaves=3)
+    lumps = Waves.random(rng, frequency=2.5, octaves=3)
     planes = _draw_planes(style, rng)
 
     def reaches(directions: FloatArray) -> FloatArray:
@@ -115,10 +115,10 @@ def fine_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
     if style.edge:
         radius = _soft_radius(reaches(directions), style.edge)
     else:
-        directions = moved_onto_edges(directions, triangles, reaches)
+        directions = directions_on_edges(directions, triangles, reaches)
         radius = 1 / reaches(directions).max(axis=1)
     radius *= 1 + style.ledges * _layers(directions[:, 2] * radius, rng)
-    radius *= 1 + style.grain * Waves.drawn(rng, frequency=11.0, octaves=2).at(directions)
+    radius *= 1 + style.grain * Waves.random(rng, frequency=11.0, octaves=2).at(directions)
     axes = np.array([1.0, rng.uniform(*style.axes[0]), rng.uniform(*style.axes[1])])
     points = directions * radius[:, None] * axes
     low, high = points.min(axis=0), points.max(axis=0)
@@ -186,7 +186,7 @@ def _soft_radius(reaches: FloatArray, edge: float) -> FloatArray:
     return np.asarray(nearest[:, 0] - edge * np.log(soft))
 
 
-def moved_onto_edges(
+def directions_on_edges(
     directions: FloatArray,
     triangles: NDArray[np.int32],
     reaches: Callable[[FloatArray], FloatArray],
@@ -241,7 +241,7 @@ class Waves(NamedTuple):
     phases: FloatArray
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, frequency: float, octaves: int) -> Waves:
+    def random(cls, rng: np.random.Generator, frequency: float, octaves: int) -> Waves:
         """Return noise of some octaves, the first with waves of a mean square ``frequency``."""
         waves, phases = np.empty((octaves, 12, 3)), np.empty((octaves, 12))
         for octave in range(octaves):

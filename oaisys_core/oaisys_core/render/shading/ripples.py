@@ -37,7 +37,7 @@ def ripple_slopes() -> NDArray[np.float32]:
     return slopes
 
 
-def hidden_variance(distance_m: Floats, deviation: Floats) -> Floats:
+def variance_not_shown(distance_m: Floats, deviation: Floats) -> Floats:
     """Return the (N,) variance, along one axis, of slopes that a picture of water does not show.
 
     Ripples are drawn fainter with the distance; those that are not drawn spread reflections.

@@ -12,10 +12,10 @@ from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
 from oaisys_core.procedural.scatter.rock_families import ROUNDED, family_density
 from oaisys_core.procedural.scatter.rocks import (
     ROCK_KINDS,
+    directions_on_edges,
     fine_rock,
     icosphere,
     make_rock,
-    moved_onto_edges,
 )
 from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.presets import make_ground
@@ -65,7 +65,7 @@ def test_facets_of_broken_rocks_are_plane_up_to_their_edges() -> None:
         a, b, c = (vertices[triangles[:, i]] for i in range(3))
         return float((a * np.cross(b, c)).sum() / 6)
 
-    moved = moved_onto_edges(directions, triangles, lambda at: np.asarray(at @ planes.T))
+    moved = directions_on_edges(directions, triangles, lambda at: np.asarray(at @ planes.T))
     assert np.allclose(np.linalg.norm(moved, axis=1), 1)
     # Chords cut corners off a cube of 1 m³.
     missing, still_missing = 1 - volume_m3(directions), 1 - volume_m3(moved)

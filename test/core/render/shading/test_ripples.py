@@ -8,8 +8,8 @@ from oaisys_core.render.draft.ground.water import fresnel
 from oaisys_core.render.shading.ripples import (
     MAX_SLOPE,
     RIPPLES_TO_M,
-    hidden_variance,
     slope_towards_eye,
+    variance_not_shown,
 )
 
 
@@ -38,6 +38,6 @@ def test_far_water_mirrors_as_much_as_its_facets_do(
 
 
 def test_a_mirror_hides_no_ripples_and_near_water_shows_all() -> None:
-    assert hidden_variance(as_one(RIPPLES_TO_M), as_one(0.1))[0] == 0
-    assert hidden_variance(as_one(1e4), as_one(0.1))[0] == pytest.approx(0.01, rel=1e-3)
+    assert variance_not_shown(as_one(RIPPLES_TO_M), as_one(0.1))[0] == 0
+    assert variance_not_shown(as_one(1e4), as_one(0.1))[0] == pytest.approx(0.01, rel=1e-3)
     assert slope_towards_eye(as_one(0.0), as_one(50.0))[0] == 0

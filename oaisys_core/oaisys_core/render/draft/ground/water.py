@@ -15,9 +15,9 @@ from oaisys_core.render.shading.ripples import (
     MAX_SLOPE,
     RIPPLE_TILES_M,
     RIPPLES_TO_M,
-    hidden_variance,
     ripple_slopes,
     slope_towards_eye,
+    variance_not_shown,
 )
 from oaisys_core.scene import Scene
 from oaisys_core.types import FloatArray
@@ -93,7 +93,7 @@ class WaterMirror:
         slopes *= (near * waves * np.float32(MAX_SLOPE / 2**0.5))[:, None]
         upward = np.maximum(-rays[:, 2], 1e-3)
         level_m = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-6)
-        variance = hidden_variance(distance_m, waves * np.float32(MAX_SLOPE))
+        variance = variance_not_shown(distance_m, waves * np.float32(MAX_SLOPE))
         leaning = slope_towards_eye(variance, level_m / upward)
         slopes -= rays[:, :2] * (leaning / level_m)[:, None]
         normal = np.ones((len(points_m), 3), np.float32)
