@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -72,9 +72,14 @@ def fine_noises(size_px: int, rng: np.random.Generator) -> tuple[Field, Field]:
 
 def at_half(size_px: int, make: Callable[[int], Field]) -> Field:
     """Return a (N, N) field that is made at half of its resolution, if that is enough for it."""
+    return all_at_half(size_px, lambda px: (make(px),))[0]
+
+
+def all_at_half(size_px: int, make: Callable[[int], Sequence[Field]]) -> list[Field]:
+    """Return (N, N) fields that are made together, as `at_half` does."""
     if size_px % 2 or size_px < 4 * MIN_COARSE_PX:
-        return make(size_px)
-    return enlarge(make(size_px // 2), 2)
+        return list(make(size_px))
+    return [enlarge(each, 2) for each in make(size_px // 2)]
 
 
 def enlarge(field: Field, factor: int) -> Field:

@@ -8,8 +8,8 @@ from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import cells, fields
 from oaisys_core.procedural.textures.baking.bed import Bed, Laying
 from oaisys_core.procedural.textures.baking.ground import (
+    all_at_half,
     at_half,
-    enlarge,
     fine_noises,
     sky_share,
     swell,
@@ -65,16 +65,7 @@ CRUMBS, CRUMBS_M, ON_PLATES = Laying(buried=(0.1, 0.4), makes_room=False), (0.00
 
 def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A dried-up pond: plates of clay with curled rims, divided by cracks one after another."""
-    factor = 2 if size_px % 2 == 0 and size_px >= 256 else 1
-    ages = divide(size_px // factor, rng)
-    rims_m = [TILE_M / len(ids) * cells.border_distance(ids) for ids in ages]
-    edge = np.exp(np.float32(-1 / RIM_M) * rims_m[-1])
-    plate = cells.per_cell(ages[-1], rng)
-    top_m = CURL_M * edge * np.clip(1 + 0.5 * cells.per_cell(ages[-1], rng), 0.2, 2)
-    top_m += 0.0012 * plate + 0.010 * TILE_M * cells.facet_heights(ages[-1], rng)
-    if factor > 1:
-        rims_m = [enlarge(each, factor) for each in rims_m]
-        edge, plate, top_m = (enlarge(each, factor) for each in (edge, plate, top_m))
+    *rims_m, edge, plate, top_m = all_at_half(size_px, lambda px: _plates(px, rng))
     gap, depth_m = _cracks(rims_m, rng)
     uneven, (grain, fine) = swell(size_px, 7, rng, 2.0), fine_noises(size_px, rng)
     top_m += 0.0022 * uneven + 0.00025 * fine + 0.00006 * grain
@@ -89,6 +80,21 @@ def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
     scale_to_albedo(color, ALBEDO)
     rough = np.clip(0.9 + 0.02 * grain, 0, 1).astype(np.float32)
     return TextureMaps(linear_to_srgb(color), bed.height, rough)
+
+
+def _plates(size_px: int, rng: np.random.Generator) -> tuple[Field, ...]:
+    """Return (N, N) distances in metres to cracks of each age, and of the plates between all.
+
+    The last three are how near their rims are, 0 to 1, a random number of each plate, and their
+    heights in metres.
+    """
+    ages = divide(size_px, rng)
+    rims_m = [TILE_M / len(ids) * cells.border_distance(ids) for ids in ages]
+    edge = np.exp(np.float32(-1 / RIM_M) * rims_m[-1])
+    plate = cells.per_cell(ages[-1], rng)
+    top_m = CURL_M * edge * np.clip(1 + 0.5 * cells.per_cell(ages[-1], rng), 0.2, 2)
+    top_m += 0.0012 * plate + 0.010 * TILE_M * cells.facet_heights(ages[-1], rng)
+    return (*rims_m, edge, plate, top_m)
 
 
 def divide(part_px: int, rng: np.random.Generator) -> list[Ids]:

@@ -8,8 +8,8 @@ from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import cells, fields
 from oaisys_core.procedural.textures.baking.bed import Bed, Laying
 from oaisys_core.procedural.textures.baking.ground import (
+    all_at_half,
     at_half,
-    enlarge,
     fine_noises,
     sky_share,
     swell,
@@ -50,10 +50,7 @@ CRYSTALS = Laying(buried=(0.4, 0.8), makes_room=False)
 
 def salt_crust(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A salt flat: pale plates, their edges broken and pushed up, crystals between thin seams."""
-    factor = 2 if size_px % 2 == 0 and size_px >= 256 else 1
-    crust_m, ridge, seam = (
-        enlarge(each, factor) if factor > 1 else each for each in _plates(size_px // factor, rng)
-    )
+    crust_m, ridge, seam = all_at_half(size_px, lambda px: _plates(px, rng))
     grain, fine = fine_noises(size_px, rng)
     blister = at_half(size_px, lambda px: fields.tile_noise(px, 30, rng, 1.7))
     crust_m = crust_m + 0.0016 * np.clip(blister - 0.3, 0, 2) + 0.0006 * fine + 0.0001 * grain
