@@ -37,6 +37,11 @@ def ripple_slopes() -> NDArray[np.float32]:
     return slopes
 
 
+def share_shown(distance_m: Floats) -> Floats:
+    """Return the (N,) share of their slope with which ripples are drawn at (N,) distances."""
+    return np.asarray(np.minimum(RIPPLES_TO_M / np.maximum(distance_m, 1e-3), 1))
+
+
 def variance_not_shown(distance_m: Floats, deviation: Floats) -> Floats:
     """Return the (N,) variance, along one axis, of slopes that a picture of water does not show.
 
@@ -46,8 +51,7 @@ def variance_not_shown(distance_m: Floats, deviation: Floats) -> Floats:
         distance_m: (N,) distances from the camera.
         deviation: (N,) standard deviations of the slope along one axis close to the camera.
     """
-    near = np.minimum(RIPPLES_TO_M / np.maximum(distance_m, 1e-3), 1)
-    return np.asarray(deviation**2 * (1 - near**2), np.float32)
+    return np.asarray(deviation**2 * (1 - share_shown(distance_m) ** 2), np.float32)
 
 
 def slope_towards_eye(variance: Floats, tangent: Floats) -> Floats:

@@ -14,8 +14,8 @@ from oaisys_core.render.shading.looks import IOR
 from oaisys_core.render.shading.ripples import (
     MAX_SLOPE,
     RIPPLE_TILES_M,
-    RIPPLES_TO_M,
     ripple_slopes,
+    share_shown,
     slope_towards_eye,
     variance_not_shown,
 )
@@ -89,8 +89,7 @@ class WaterMirror:
             # Blender's images begin at the bottom.
             places = self._ripples.places((points_m[:, 0] / tile_m, points_m[:, 1] / tile_m), level)
             slopes += self._ripples.look_up(places)
-        near = np.minimum(RIPPLES_TO_M / np.maximum(distance_m, 1e-3), 1)
-        slopes *= (near * waves * np.float32(MAX_SLOPE / 2**0.5))[:, None]
+        slopes *= (share_shown(distance_m) * waves * np.float32(MAX_SLOPE / 2**0.5))[:, None]
         upward = np.maximum(-rays[:, 2], 1e-3)
         level_m = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-6)
         variance = variance_not_shown(distance_m, waves * np.float32(MAX_SLOPE))
