@@ -71,15 +71,15 @@ class SampleLedger:
         self._begun_at: tuple[int, frozenset[str]] = (1, frozenset())
         self._announced = self._settled = self._incomplete = 0
         self._lost: Counter[str] = Counter()
-        self._last: SampleName | None = None
-        self._last_order = (0, 0)
+        self._last: _Entry | None = None
 
     @property
     def state(self) -> LedgerState:
         """Counts so far."""
         with self._changed:
+            last = None if self._last is None else self._last.name
             return LedgerState(
-                self._announced, self._settled, self._incomplete, dict(+self._lost), self._last
+                self._announced, self._settled, self._incomplete, dict(+self._lost), last
             )
 
     @property
@@ -273,8 +273,8 @@ class SampleLedger:
             del self._open[stamp_ns]
             settled = True
             self._settled += 1
-            if entry.order >= self._last_order:
-                self._last, self._last_order = entry.name, entry.order
+            if self._last is None or entry.order >= self._last.order:
+                self._last = entry
             if entry.lost:
                 self._incomplete += 1
                 self._lost.update(entry.lost)

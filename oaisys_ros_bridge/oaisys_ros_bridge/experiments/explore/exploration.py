@@ -109,7 +109,7 @@ def explore(
             view, frame = render(plan.pose, plan.path_m)
         except (DeadlineExceededError, RenderError) as error:
             refused += 1
-            if reason := _reason_to_end(error, result, refused):
+            if reason := reason_to_end(error, result, refused):
                 result.end(reason, failed=True)
                 break
         else:
@@ -134,7 +134,7 @@ def explore(
     return result
 
 
-def _reason_to_end(error: OaisysError, result: Exploration, refused: int) -> str:
+def reason_to_end(error: OaisysError, result: Exploration, refused: int) -> str:
     """Return why a view that did not come ends it all; empty: the planner may ask for another."""
     if isinstance(error, DeadlineExceededError):
         return str(error)

@@ -18,7 +18,11 @@ from oaisys_core.system.ending.owner import command_with_owner
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.types import Pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
-from oaisys_ros_bridge.experiments.explore.exploration import Exploration, ExplorationLimits
+from oaisys_ros_bridge.experiments.explore.exploration import (
+    Exploration,
+    ExplorationLimits,
+    reason_to_end,
+)
 from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 
@@ -91,12 +95,8 @@ def watch(
     result = Exploration()
     try:
         view, _ = client.view_by_service(start, VIEW_TIMEOUT_S)
-    except RenderError as error:
-        result.refused = 1
-        result.end(f"the first view was refused: {error}", failed=True)
-        return result
-    except DeadlineExceededError as error:
-        result.end(str(error), failed=True)
+    except (DeadlineExceededError, RenderError) as error:
+        result.end(reason_to_end(error, result, 1), failed=True)
         return result
     _add(result, view, start)
     if not goes_on(result):
