@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"

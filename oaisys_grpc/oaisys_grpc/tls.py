@@ -9,7 +9,7 @@ from pathlib import Path
 import grpc
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 
 
 @dataclass(frozen=True)

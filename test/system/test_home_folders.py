@@ -10,7 +10,7 @@ import pytest
 from commands import oaisys_here
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_grpc.tls import client_tls
 from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_settings import node_settings

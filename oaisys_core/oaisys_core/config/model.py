@@ -23,6 +23,7 @@ from pydantic import (
 )
 from pydantic_core import to_jsonable_python
 
+from oaisys_core.config.body_sky import with_sky_of_body
 from oaisys_core.config.draw_checks import (
     check_labels,
     check_options,
@@ -33,7 +34,6 @@ from oaisys_core.config.draw_checks import (
 from oaisys_core.config.draws import Draws, put_back, separate
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
-from oaisys_core.config.sections.body_sky import with_sky_of_body
 from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig

@@ -1,4 +1,8 @@
-"""Folders that a user names for output."""
+"""Folders that a user names: those for output, and home folders.
+
+A shell expands ``~`` neither in ``--out=~/x`` nor in a service's request or a parameter: a folder
+of that name was made.
+"""
 
 from __future__ import annotations
 
@@ -30,3 +34,24 @@ def make_folder(folder: Path, field: str = "out") -> Path:
         expected = f"a folder that can be made ({error.strerror})"
         raise InvalidInputError(field, str(folder), expected) from error
     return folder
+
+
+def user_path(text: str | Path, field: str) -> Path:
+    """Return a path in which ``~`` or ``~NAME`` at the begin is the home folder of a user.
+
+    Files that are called so are named with their folder's absolute path.
+
+    Args:
+        text: The path.
+        field: What the user calls it, in errors.
+
+    Raises:
+        InvalidInputError: There is no such user, or nobody knows where this one's home is.
+    """
+    path = Path(text)
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        name = path.parts[0][1:]
+        expected = f"~NAME of a user of this machine, not {name!r}" if name else "no ~ without HOME"
+        raise InvalidInputError(field, str(path), expected) from None

@@ -1,14 +1,17 @@
-"""Files that are complete under their name, or unchanged, whenever the program is killed."""
+"""Files and folders that are complete under their name, or unchanged, whenever it is killed."""
 
 from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from oaisys_core.files.folders import make_folder
 from oaisys_core.system.ending.leftovers import remove_when_killed
 
 
@@ -58,3 +61,25 @@ def _make_anew(part: Path) -> None:
     part.unlink(missing_ok=True)
     flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
     os.close(os.open(part, flags, 0o666))
+
+
+@contextmanager
+def whole_folder(target: Path) -> Iterator[Path]:
+    """Yield an empty folder that becomes ``target`` if the block succeeds.
+
+    Args:
+        target: A path where there is nothing, or an empty folder.
+
+    Raises:
+        OSError: It could not be made or renamed; nothing is left.
+    """
+    # A name that nobody can foresee: the folder may be in a data set of somebody else.
+    part = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
+    make_folder(target.parent)
+    with remove_when_killed(part):
+        try:
+            make_folder(part)
+            yield part
+            part.replace(target)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)

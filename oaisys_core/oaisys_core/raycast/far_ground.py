@@ -7,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayTarget
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray, TriangleMesh

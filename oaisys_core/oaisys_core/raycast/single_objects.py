@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.ray_target import NO_ELEMENT
 from oaisys_core.raycast.solids import target_of, tessellate
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT
 from oaisys_core.scene import Placement, Primitive, id_of_level
 from oaisys_core.types import FloatArray, ShortRepr, TriangleMesh
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import invert, transform_points
-from oaisys_core.raycast.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayTarget
 from oaisys_core.scene import Ground, HeightField, Primitive
 from oaisys_core.types import FloatArray, TriangleMesh
 

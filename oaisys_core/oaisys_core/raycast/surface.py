@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.raycast.far_ground import FarGroundTarget
-from oaisys_core.raycast.ground_target import ground_mesh, ground_target
-from oaisys_core.raycast.placement_targets import PlacementTargets
 from oaisys_core.raycast.prototype_meshes import merge_instances
-from oaisys_core.raycast.ray_target import RayTarget
 from oaisys_core.raycast.solids import SolidTarget, flat_ground, target_of, tessellate
+from oaisys_core.raycast.targets.ground_target import ground_mesh, ground_target
+from oaisys_core.raycast.targets.placement_targets import PlacementTargets
+from oaisys_core.raycast.targets.ray_target import RayTarget
 from oaisys_core.scene import PlacedCamera, Scene, id_of_level
 from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes

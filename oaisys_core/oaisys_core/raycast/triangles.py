@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.open3d_bvh import BvhBuilder, Open3DBvh, TriangleBvh
-from oaisys_core.raycast.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayTarget
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from oaisys_core.errors import ConfigError, InvalidInputError, RenderError, one_of
-from oaisys_core.files.whole_folder import whole_folder
+from oaisys_core.files.whole_files import whole_folder
 from oaisys_core.system.ending.leftovers import temporary_folder
 from oaisys_dataset.card.description import README, description_files
 from oaisys_dataset.formats.base import (

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from oaisys_core.errors import InvalidInputError, RenderError
-from oaisys_core.files.whole_folder import whole_folder
+from oaisys_core.files.whole_files import whole_folder
 from oaisys_dataset.manifest import DatasetInfo, MergedSet
 from oaisys_dataset.merging.layout import check_can_be_merged
 from oaisys_dataset.merging.renumber import copy_world

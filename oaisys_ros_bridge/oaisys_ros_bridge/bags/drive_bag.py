@@ -25,8 +25,8 @@ from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, find_left_camera
-from oaisys_ros_bridge.publishing.topic_names import image_topic, sensor_namespace
 from oaisys_ros_bridge.qos import CLOCK_QOS, LATCHED_QOS
+from oaisys_ros_bridge.topic_names import image_topic, sensor_namespace
 
 FOLDER = "bag"
 """Name of the bag in a drive's folder."""

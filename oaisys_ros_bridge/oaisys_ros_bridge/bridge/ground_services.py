@@ -12,7 +12,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_core.geometry import places
 from oaisys_core.types import FloatArray, Georeference, TriangleMesh
 from oaisys_mapping.evaluation.truth_io import write_truth

@@ -144,7 +144,7 @@ def socket_folder() -> tempfile.TemporaryDirectory[str]:
 
 
 def _topic_prefix(sensors: ConfiguredSensors) -> str:
-    from oaisys_ros_bridge.publishing.topic_names import sensor_namespace
+    from oaisys_ros_bridge.topic_names import sensor_namespace
 
     return sensor_namespace(sensors.names[0], sensors.names)
 
@@ -201,7 +201,7 @@ class _Processes:
 
     def start_recorder(self, namespace: str, modalities: Sequence[str]) -> ManagedProcess:
         """Record everything; it prints ``recording:`` once it hears the topics of a sample."""
-        from oaisys_ros_bridge.publishing.topic_names import TOPIC_BY_MODALITY
+        from oaisys_ros_bridge.topic_names import TOPIC_BY_MODALITY
 
         folder = self._options.out / "bag"
         _remove_old_bag(folder)

@@ -22,8 +22,8 @@ from oaisys_ros_bridge.conversions import image_from_msg, nanoseconds, pose_to_s
 from oaisys_ros_bridge.experiments.status import DISCOVERY_TIMEOUT_S, StackStatus
 from oaisys_ros_bridge.namespaces import namespace_arguments
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
-from oaisys_ros_bridge.publishing.topic_names import TOPIC_BY_MODALITY
 from oaisys_ros_bridge.qos import SENSOR_QOS
+from oaisys_ros_bridge.topic_names import TOPIC_BY_MODALITY
 
 ARRIVAL_TIMEOUT_S = 20.0
 """From the answer of ``set_pose`` until all images of its sample are received."""

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.mesh_io import write_ply
 from oaisys_msgs.msg import MapStatus

@@ -13,7 +13,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
 from oaisys_ros_bridge.namespaces import CLOCK

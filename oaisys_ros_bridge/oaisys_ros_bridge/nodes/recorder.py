@@ -18,7 +18,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_ros_bridge.bags.announced_samples import AnnouncedSamples
 from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, is_moving_tf
 from oaisys_ros_bridge.bags.losses import BagLosses

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 from oaisys_mapping.voxels.config import WEIGHTINGS, WHEN_FULL, TsdfConfig
 from oaisys_ros_bridge.parameters.ground_maps import ground_map_rows
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable

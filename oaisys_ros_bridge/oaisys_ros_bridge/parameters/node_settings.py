@@ -9,7 +9,7 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.documents import parse_yaml, read_text
-from oaisys_core.files.home import user_path
+from oaisys_core.files.folders import user_path
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 WILDCARDS = ("**", "*")

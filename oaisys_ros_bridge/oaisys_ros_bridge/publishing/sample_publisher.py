@@ -39,9 +39,9 @@ from oaisys_ros_bridge.publishing.publishers import NodePublishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, find_left_camera
-from oaisys_ros_bridge.publishing.topic_names import sensor_namespace
 from oaisys_ros_bridge.publishing.trajectory_topics import TrajectoryTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
+from oaisys_ros_bridge.topic_names import sensor_namespace
 
 
 class SamplePublisher:

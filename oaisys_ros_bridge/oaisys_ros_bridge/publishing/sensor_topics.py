@@ -51,13 +51,6 @@ from oaisys_ros_bridge.publishing.publishers import (
     TopicPublisher,
     has_subscribers,
 )
-from oaisys_ros_bridge.publishing.topic_names import (
-    COMPRESSED_DEPTH,
-    encoding_of,
-    has_colors,
-    image_topic,
-    topic_variants,
-)
 from oaisys_ros_bridge.publishing.vision import (
     boxes_msg,
     detections_msg,
@@ -65,6 +58,13 @@ from oaisys_ros_bridge.publishing.vision import (
     label_info_msg,
 )
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+from oaisys_ros_bridge.topic_names import (
+    COMPRESSED_DEPTH,
+    encoding_of,
+    has_colors,
+    image_topic,
+    topic_variants,
+)
 
 
 def find_left_camera(sensor: SensorInfo, sensors: Sequence[SensorInfo]) -> str:

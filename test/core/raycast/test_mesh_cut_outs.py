@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pose_looking_at
-from oaisys_core.raycast import placement_targets
 from oaisys_core.raycast.mesh_textures import interpolate
 from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.targets import placement_targets
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import SKEWED, camera, rocky_world
 
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.raycast.ray_target import NO_ELEMENT
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT
 from oaisys_core.raycast.triangles import HeightFieldTarget, TriangleTarget
 from oaisys_core.scene import HeightField, PlacedCamera
 from oaisys_core.types import FloatArray, TriangleMesh

@@ -11,8 +11,8 @@ from blender_process import in_blender
 from synthetic_worlds import BOX, CENTRED, SPHERE, camera, flat_world, rocky_world, settings
 
 from oaisys_core.geometry import pose_looking_down, transform
-from oaisys_core.raycast.ground_target import ground_mesh
 from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.targets.ground_target import ground_mesh
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.scene import HeightField, Placement, Scene
 from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0

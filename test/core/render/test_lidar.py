@@ -14,8 +14,8 @@ from oaisys_core.config.sections.sensing.lidars import RotatingScanConfig
 from oaisys_core.geometry import transform
 from oaisys_core.procedural.lidar_patterns import rotating
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
-from oaisys_core.raycast.ground_target import ground_mesh
 from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.targets.ground_target import ground_mesh
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.render.lidar import beam, rays_in_map
 from oaisys_core.render.shading.reflectance import Reflectance

@@ -16,8 +16,8 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_core.render.blender import BlenderBackend, compat, cycles, postprocessing
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.postprocessing import blenders_denoiser
-from oaisys_core.render.blender.render_result import RenderResult
 from oaisys_core.render.blender.time_budget import DENOISING_COSTS, DenoisingQuality
+from oaisys_core.render.render_result import RenderResult
 from oaisys_core.system.ending.interruption import interruptible
 from oaisys_core.types import RGB
 

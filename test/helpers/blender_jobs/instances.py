@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.embree_instances import EmbreeInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.ray_target import RayTarget
+from oaisys_core.raycast.targets.ray_target import RayTarget
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh
 

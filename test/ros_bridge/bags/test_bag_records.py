@@ -19,7 +19,7 @@ from oaisys_core.types import ModuleMetadata, Sample
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.conversions import image_to_msg
 from oaisys_ros_bridge.publishing.sample_info import outline_from_msg, sample_info_msg
-from oaisys_ros_bridge.publishing.topic_names import TOPIC_BY_MODALITY, encoding_of
+from oaisys_ros_bridge.topic_names import TOPIC_BY_MODALITY, encoding_of
 
 MODALITIES = ["rgb", "depth", "range", "semantic_0", "instance", "normal"]
 CAMERA = {"width_px": 24, "height_px": 18, "fx_px": 20.0, "fy_px": 20.0, "modalities": MODALITIES}

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.procedural.terrain.presets import PRESETS
-from oaisys_core.raycast.ground_target import ground_mesh
 from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.targets.ground_target import ground_mesh
 from oaisys_core.render.geometry_pass import PoseMemory, geometry_frames
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.simulation import Simulation

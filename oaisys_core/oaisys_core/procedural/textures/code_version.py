@@ -16,7 +16,7 @@ CODE = (
     "procedural/terrain/noise.py",
     "procedural/scatter/rocks.py",
     "raycast/triangles.py",
-    "raycast/ray_target.py",
+    "raycast/targets/ray_target.py",
     "raycast/open3d_bvh.py",
     "scene/objects.py",
     "types",

@@ -31,7 +31,6 @@ from oaisys_core.render.blender.cycles import Cycles, albedo_of
 from oaisys_core.render.blender.ground_check import GroundCheck, GroundPlaces
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.sky import Lights
-from oaisys_core.render.blender.render_result import RenderResult
 from oaisys_core.render.blender.time_budget import (
     DenoisingQuality,
     TimeBudget,
@@ -41,6 +40,7 @@ from oaisys_core.render.blender.time_budget import (
 )
 from oaisys_core.render.geometry_pass import BackgroundGeometry
 from oaisys_core.render.light_images import light_images
+from oaisys_core.render.render_result import RenderResult
 from oaisys_core.scene import Lens, PlacedCamera, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.render_settings import RenderSettings

@@ -26,12 +26,12 @@ from oaisys_core.render.blender.postprocessing import (
     blenders_denoiser,
     denoise_image,
 )
-from oaisys_core.render.blender.render_result import RenderResult, pass_of
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.render.blender.tone_mapping import (
     VIEW_TRANSFORMS,
     picture_of,
 )
+from oaisys_core.render.render_result import RenderResult, pass_of
 from oaisys_core.scene.sky import Color
 from oaisys_core.sensing.render_settings import Device, RenderSettings
 from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV, ExposedImage

@@ -22,7 +22,7 @@ from oaisys_core.private.cycles_addon import engine_of, session_of, wrap_methods
 from oaisys_core.private.cycles_log import collect_errors
 from oaisys_core.private.cycles_session import end_sampling
 from oaisys_core.render.blender.compat import IS_BLENDER_5
-from oaisys_core.render.blender.render_result import RenderResult
+from oaisys_core.render.render_result import RenderResult
 from oaisys_core.system.ending.interruption import stop_if_unwanted, stop_when_unwanted
 
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")

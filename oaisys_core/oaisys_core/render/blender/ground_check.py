@@ -17,7 +17,7 @@ from oaisys_core.geometry import unproject
 from oaisys_core.raycast.surface import Surface, View
 from oaisys_core.render.blender.camera import pinhole_to_render
 from oaisys_core.render.blender.postprocessing import COMBINED, SEEN_ALBEDO
-from oaisys_core.render.blender.render_result import RenderResult, pass_of
+from oaisys_core.render.render_result import RenderResult, pass_of
 from oaisys_core.render.shading.looks import pixel_angle_rad
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.render.shading.shading import mean_color

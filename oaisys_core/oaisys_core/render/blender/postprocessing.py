@@ -33,8 +33,8 @@ from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATER
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.materials.ground.narrow_patches import MOST_SAMPLES, share_albedo
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
-from oaisys_core.render.blender.render_result import Image, RenderResult, pass_of
 from oaisys_core.render.blender.time_budget import DenoisingQuality
+from oaisys_core.render.render_result import Image, RenderResult, pass_of
 from oaisys_core.sensing.render_settings import RenderSettings
 
 CYCLES_WIDTH_PX = 1.5

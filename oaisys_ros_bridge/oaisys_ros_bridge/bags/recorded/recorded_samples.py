@@ -29,8 +29,8 @@ from oaisys_msgs.msg import SampleInfo, SensorPose
 from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.conversions import image_from_msg, pose_from_msg
 from oaisys_ros_bridge.publishing.sample_info import outline_from_msg
-from oaisys_ros_bridge.publishing.topic_names import TOPIC_BY_MODALITY
 from oaisys_ros_bridge.subscribing.sample_watch import camera_poses
+from oaisys_ros_bridge.topic_names import TOPIC_BY_MODALITY
 
 SAMPLE_INFO, CONFIGURATION = "sample_info", "configuration"
 ONLY_CAMERA = "camera"

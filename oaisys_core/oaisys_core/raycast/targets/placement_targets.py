@@ -11,7 +11,7 @@ from oaisys_core.private.embree import blenders_embree
 from oaisys_core.raycast.embree_instances import EmbreeInstanceTarget
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.raycast.ray_target import RayTarget
+from oaisys_core.raycast.targets.ray_target import RayTarget
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.scene import Scene
 from oaisys_core.types import TriangleMesh
