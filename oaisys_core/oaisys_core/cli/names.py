@@ -117,8 +117,8 @@ COLUMNS = {
 RECIPES = """
 ## Recipes
 
-An overcast day, without a hard shadow. `environment.clouds` draws clouds, but leaves the light of
-a clear day.
+An overcast day, without a hard shadow. Between the shadows of
+`environment.clouds`, the light is that of a clear day.
 
 ```yaml
 environment: {sun_elevation_deg: 30, sky: {model: overcast}, haze: {visibility_m: 9000}}

@@ -71,7 +71,7 @@ class Haze:
 
 @dataclass(frozen=True)
 class Clouds:
-    """Clouds, which cameras and reflections see; light and shadows are as without them.
+    """Clouds, which cameras and reflections see; the sky's light on the ground is as without them.
 
     Attributes:
         cover: Share of what is straight above that they hide.
@@ -80,6 +80,7 @@ class Clouds:
         thickness_m: Height of the highest tops above the base.
         seed: Of where they are.
         kind: Heaps, or a layer of rolls.
+        shadows: Whether they cast shadows.
     """
 
     cover: float
@@ -88,6 +89,7 @@ class Clouds:
     thickness_m: float
     seed: int
     kind: CloudKind = "cumulus"
+    shadows: bool = True
 
 
 @dataclass(frozen=True, eq=False)

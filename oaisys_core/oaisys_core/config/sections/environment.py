@@ -131,7 +131,7 @@ class HazeConfig(Section):
 
 
 class CloudsConfig(Section):
-    """Clouds with volume as cameras see them; light and shadows are as without them.
+    """Clouds with volume, and their shadows; the sky's light on the ground is as without them.
 
     Attributes:
         kind: ``cumulus`` are heaps with flat undersides, ``stratocumulus`` is a low layer of rolls.
@@ -141,6 +141,8 @@ class CloudsConfig(Section):
         size_m: Distance from one to the next, about.
         thickness_m: Height of the highest tops above the undersides. None: 0.45 times the size of
             cumulus, 0.2 times that of stratocumulus.
+        shadows: Whether they cast shadows: the ground below thick ones gets a fifth of the sun's
+            light. ``false``: the sun shines as without clouds.
     """
 
     kind: CloudKind = "cumulus"
@@ -148,6 +150,7 @@ class CloudsConfig(Section):
     base_m: Annotated[Range, Within(100.0, 12_000.0)] = (1400.0, 1400.0)
     size_m: Annotated[Range, Within(50.0, 20_000.0)] = (1800.0, 1800.0)
     thickness_m: Annotated[Range, Within(10.0, 12_000.0)] | None = None
+    shadows: bool = True
 
 
 class EffectConfig(BaseModel):

@@ -24,6 +24,7 @@ from oaisys_core.render.draft.appearance import (
     take,
     zeros,
 )
+from oaisys_core.render.draft.light.cloud_shade import shade_by_clouds
 from oaisys_core.render.draft.light.ground_nearby import light_around
 from oaisys_core.render.draft.light.reflection import Nearby, reflect, sun_w_m2
 from oaisys_core.render.draft.light.sun_light import LiftedPoints, SunLight
@@ -124,6 +125,7 @@ class DraftRenderer:
             starts = LiftedPoints.of(view.points_m, pixels.look.smooth, pixels.lift_m)
             sun = SunLight(sky, surface, starts)
             sun_share = sun.share(pixels.may_see, view.instance_ids)
+            shade_by_clouds(sky, view.points_m, sun_share)
         around = light_around(view, pixels.facing, sun_share)
         image = np.empty((*shape, 3), np.float32)
 

@@ -314,6 +314,7 @@ def _clouds(config: CloudsConfig | None, draws: NamedDraws) -> Clouds | None:
         thickness_m=thickness_m,
         seed=int(draws.rng("clouds").integers(2**31)),
         kind=config.kind,
+        shadows=config.shadows,
     )
 
 

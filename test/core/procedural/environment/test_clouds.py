@@ -20,6 +20,7 @@ from oaisys_core.procedural.environment.clouds.scattering import (
     order_phases,
     phase,
 )
+from oaisys_core.procedural.environment.clouds.shadows import CloudShadows, cloud_shadows
 from oaisys_core.procedural.environment.clouds.tile import Tile
 from oaisys_core.scene.sky import CloudKind, Clouds
 from oaisys_core.types import FloatArray
@@ -214,3 +215,41 @@ class TestDome:
         finally:
             cv2.setNumThreads(before)
         assert (found == again).all()
+
+
+def test_shadows_lie_where_clouds_hide_the_sun(small_dome: None) -> None:
+    """Against rays of the dome, which are marched from the eye."""
+    for elevation_deg in (30.0, 60.0):
+        sky = replace(SUNNY, sun_elevation_rad=np.radians(elevation_deg), clouds=FAIR)
+        shadows = cloud_shadows(sky)
+        assert shadows is not None
+        share = float(shadows.at(np.zeros((1, 3)))[0])
+        through = float(dome.sun_through_clouds(sky, np.array([sky.to_sun]))[0])
+        # Where a hundredth of the direct light gets through, depth is 4.6.
+        assert (share > 0.95) == (through > 0.6)
+        assert (share < 1 / (1 + 0.1125 * 4.6)) == (through < 0.02)
+
+
+def test_shadows_are_shifted_by_height_and_end_above_the_clouds() -> None:
+    share = np.random.default_rng(1).random((GRID, GRID)).astype(np.float32)
+    shadows = CloudShadows(share, 300.0, 100.0, (2.0, -1.0), (0.0, 0.0))
+    texel_m = 300.0 / GRID
+    undersides_m = np.array(((5 * texel_m, 7 * texel_m, 100.0), (-texel_m, 301 * texel_m, 100.0)))
+    undersides_m[:, 2] -= 1e-9
+    expected = [share[7, 5], share[301 % GRID, -1]]
+    np.testing.assert_allclose(shadows.at(undersides_m), expected, atol=1e-3)
+    below_m = undersides_m - 60.0 * np.array((2.0, -1.0, 1.0))
+    np.testing.assert_allclose(shadows.at(below_m), expected, atol=1e-3)
+    np.testing.assert_array_equal(shadows.at(undersides_m + np.array((0, 0, 1))), 1)
+
+
+def test_no_shadows_without_a_sun_that_shines_through_clouds() -> None:
+    sky = replace(SUNNY, clouds=FAIR)
+    assert cloud_shadows(sky) is not None
+    for other in (
+        replace(sky, clouds=None),
+        replace(sky, clouds=replace(FAIR, shadows=False)),
+        replace(sky, sun_strength_w_m2=0.0),
+        replace(sky, sun_elevation_rad=0.001),
+    ):
+        assert cloud_shadows(other) is None

@@ -58,10 +58,12 @@ class CloudDome:
         lights: (4, ROWS, COLUMNS) radiance by sunlight of 1 W/m², by a sky and by a ground with a
             radiance of 1; and the share of the sky's own radiance behind and before the clouds.
         sunlit: Share of sunlight that reaches the ground, in the mean over all places.
+        to_sun: (GRID, GRID) optical depths towards the sun from the clouds' undersides.
     """
 
     lights: NDArray[np.float32]
     sunlit: float
+    to_sun: Field
 
 
 def cloud_elevations_rad() -> FloatArray:
@@ -90,7 +92,7 @@ def cloud_image(sky: Sky) -> NDArray[np.float32]:
     of the sky that is added to it.
     """
     assert sky.clouds is not None
-    dome = _dome_under(sky, sky.clouds)
+    dome = dome_under(sky, sky.clouds)
     sun_w_m2 = sky.lamp_w_m2 * np.array(sun_color(sky))
     sky_w_m2 = sky_irradiance_w_m2(sky)
     on_ground_w_m2 = sun_w_m2 * max(sin(sky.sun_elevation_rad), 0.0) * dome.sunlit + sky_w_m2
@@ -142,7 +144,7 @@ def _image_around(sky: Sky) -> NDArray[np.float32]:
     return np.concatenate((image, image[:, :1]), axis=1)
 
 
-def _dome_under(sky: Sky, clouds: Clouds) -> CloudDome:
+def dome_under(sky: Sky, clouds: Clouds) -> CloudDome:
     """Return the clouds in the light of a sun near that of the sky; any sun, if it is dark."""
     if not sky.lamp_w_m2:
         return cloud_dome(clouds, pi / 2, 0.0)
@@ -161,7 +163,8 @@ def cloud_dome(clouds: Clouds, sun_elevation_rad: float, sun_azimuth_rad: float)
         march.add(slab, index * field.slab_m, depths.next_slab(index, slab))
     sunlit = float(np.exp(-depths.to_sun).mean(dtype=np.float64))
     lights = march.lights.reshape(4, ROWS, COLUMNS)
-    return CloudDome(np.stack([_without_grain(light) for light in lights]), sunlit)
+    smooth = np.stack([_without_grain(light) for light in lights])
+    return CloudDome(smooth, sunlit, depths.to_sun)
 
 
 def _azimuths_rad() -> FloatArray:

@@ -9,12 +9,14 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from oaisys_core.procedural.environment.clouds.shadows import cloud_shadows
 from oaisys_core.procedural.environment.light import plain_radiance, sun_color, veil_radiance
 from oaisys_core.render.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
 from oaisys_core.render.blender.materials.haze import clear_share, set_haze
 from oaisys_core.render.blender.materials.images import new_image
 from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
 from oaisys_core.render.blender.materials.photometric import set_law
+from oaisys_core.render.blender.objects.cloud_shadows import CloudSheet
 from oaisys_core.render.blender.objects.clouds import CloudPicture, before_sky
 from oaisys_core.render.shading.shading import MIN_UP
 from oaisys_core.scene.photometric_laws import PhotometricLaw
@@ -180,6 +182,7 @@ class Lights:
         self._sun = bpy.data.objects.new("sun", lamp)
         bpy.context.scene.collection.objects.link(self._sun)
         self._background = Background()
+        self._cloud_sheet = CloudSheet()
         self._sky: Sky | None = None
         self._law: PhotometricLaw | None = None
 
@@ -200,6 +203,7 @@ class Lights:
         # A dark lamp would still be sampled.
         self._sun.hide_render = sky.lamp_w_m2 <= 0
         self._background.set(sky)
+        self._cloud_sheet.set(cloud_shadows(sky))
         set_haze(sky)
         self._sky = sky
         return True

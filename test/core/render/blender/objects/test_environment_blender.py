@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import SUNNY, camera, flat_world
 
 from oaisys_core.geometry import pixel_rays, pose_looking_at
+from oaisys_core.procedural.environment.clouds.shadows import cloud_shadows
 from oaisys_core.procedural.terrain.surroundings.plain import plain_around
 from oaisys_core.render.shading.shading import sky_radiance
 from oaisys_core.scene import PlacedCamera
@@ -106,10 +107,11 @@ def test_haze_dims_and_veils_by_distance() -> None:
 @pytest.mark.long
 def test_clouds_are_those_of_the_dome_and_leave_the_light() -> None:
     clear = replace(SUNNY, has_plain=True, model="plain")
-    cloudy = replace(clear, clouds=Clouds(0.4, 1000.0, 1500.0, 600.0, seed=4))
+    fair = Clouds(0.4, 1000.0, 1500.0, 600.0, seed=4, shadows=False)
+    cloudy = replace(clear, clouds=fair)
     up = camera(pose_looking_at((0, 0, 2), (-12, 0, 10)))
     level = camera(pose_looking_at((-19, 0, 3), (0, 0, 0.25)))
-    others = replace(cloudy, clouds=Clouds(0.5, 1000.0, 1500.0, 600.0, seed=5))
+    others = replace(cloudy, clouds=replace(fair, cover=0.5, seed=5))
     skies = [clear, cloudy, others]
     images = in_blender("environment.linear_views", flat_world(), [up, level], skies)
     rays, below = rays_of(up).reshape(-1, 3), rays_of(level)[..., 2] < -0.02
@@ -118,6 +120,36 @@ def test_clouds_are_those_of_the_dome_and_leave_the_light() -> None:
         assert 0.2 < (np.abs(shown - images[0]).max(axis=-1) > 0.02).mean() < 0.9
         assert np.quantile(np.abs(shown - expected), 0.99) < 3 / 255
         assert (on_ground[below] == images[1][below]).all()
+
+
+@pytest.mark.long
+def test_clouds_cast_the_shadows_that_drafts_have() -> None:
+    """Of a sun as by day, and of one so low that its shadows would begin far away."""
+    low = Clouds(0.4, 60.0, 30.0, 1500.0, seed=4)
+    view = camera(pose_looking_at((-19, 0, 12), (0, 0, 0.25)))
+    scene = replace(flat_world(), primitives=())
+    skies = [
+        replace(
+            SUNNY,
+            model="none",
+            sun_strength_w_m2=1.5 / np.sin(up_rad),
+            sun_elevation_rad=up_rad,
+            sun_azimuth_rad=azimuth_rad,
+        )
+        for up_rad, azimuth_rad in ((0.9, 0.5), (0.035, -2.0))
+    ]
+    skies += [replace(sky, clouds=low) for sky in skies]
+    images = in_blender("environment.linear_views", scene, [view], skies, 16)
+    rays = rays_of(view)
+    points_m = np.array((-19, 0, 12)) + rays * ((0.25 - 12) / rays[..., 2])[..., None]
+    on_ground = (rays[..., 2] < 0) & (np.abs(points_m[..., :2]) < 19.5).all(axis=-1)
+    for clear, shaded, sky in zip(images[:2], images[2:], skies[2:], strict=True):
+        shadows = cloud_shadows(sky)
+        assert shadows is not None
+        share = shadows.at(points_m[on_ground])
+        assert np.ptp(share) > 0.3
+        difference = shaded[on_ground] - clear[on_ground] * share[:, None]
+        assert np.quantile(np.abs(difference), 0.99) < 0.03 * clear[on_ground].max()
 
 
 @pytest.mark.long

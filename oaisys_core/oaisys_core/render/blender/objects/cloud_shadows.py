@@ -1,0 +1,76 @@
+"""Shadows of clouds in Blender: a level sheet at their undersides that only rays to lamps meet."""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import Any
+
+import bpy
+import numpy as np
+
+from oaisys_core.procedural.environment.clouds.field import GRID
+from oaisys_core.procedural.environment.clouds.shadows import CloudShadows
+from oaisys_core.render.blender.compat import node_tree_of
+from oaisys_core.render.blender.materials.images import new_image
+from oaisys_core.render.blender.materials.nodes import NodeTree
+from oaisys_core.render.blender.materials.surfaces import new_material
+
+REACH_M = 150_000.0
+"""Half the edge of the ground that gets shadows."""
+
+CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+UNSEEN_BY = ("camera", "diffuse", "glossy", "transmission", "volume_scatter")
+
+
+class CloudSheet:
+    """The sheet, which is hidden while clouds cast no shadows."""
+
+    def __init__(self) -> None:
+        mesh = bpy.data.meshes.new("cloud_shadows")
+        mesh.from_pydata([(x, y, 0.0) for x, y in CORNERS], [], [tuple(range(4))])
+        self._material = new_material("cloud_shadows")
+        mesh.materials.append(self._material)
+        self._sheet: Any = bpy.data.objects.new("cloud_shadows", mesh)
+        for ray in UNSEEN_BY:
+            setattr(self._sheet, f"visible_{ray}", False)
+        self._sheet.hide_render = True
+        bpy.context.scene.collection.objects.link(self._sheet)
+        self._image: Any = None
+        self._shadows: CloudShadows | None = None
+
+    def set(self, shadows: CloudShadows | None) -> None:
+        """Take over shadows."""
+        if shadows is self._shadows:
+            return
+        before, self._image, self._shadows = self._image, None, None
+        self._sheet.hide_render = shadows is None
+        if shadows is not None:
+            reach_m = REACH_M + shadows.base_m * hypot(*shadows.per_m)
+            self._sheet.location = (0.0, 0.0, shadows.base_m)
+            self._sheet.scale = (reach_m, reach_m, 1.0)
+            self._image = self._add_nodes(shadows)
+        # Only now, because Cycles takes an image at the same address for the one before.
+        if before is not None:
+            bpy.data.images.remove(before)
+        self._shadows = shadows
+
+    def _add_nodes(self, shadows: CloudShadows) -> Any:
+        """Make the sheet let light through, and return the image of how much."""
+        pixels = np.ones((GRID, GRID, 4), np.float32)
+        pixels[..., :3] = shadows.share[..., None]
+        image = new_image("cloud_shadows", pixels, is_float=True, is_color=False)
+        tree = NodeTree(node_tree_of(self._material))
+        # Texels of Blender's images have their middles at halves.
+        start = [0.5 / GRID - shift_m / shadows.tile_m for shift_m in shadows.shift_m]
+        place = tree.vector(
+            "MULTIPLY_ADD",
+            tree.add("NewGeometry").outputs["Position"],
+            (1 / shadows.tile_m,) * 3,
+            (*start, 0.0),
+        )
+        texel = tree.add("TexImage", {"Vector": place}, image=image, extension="REPEAT")
+        color = texel.outputs["Color"]
+        through = tree.add("BsdfTransparent", {"Color": color}).outputs[0]
+        tree.add("OutputMaterial", {"Surface": through})
+        return image
