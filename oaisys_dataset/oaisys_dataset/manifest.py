@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 from itertools import accumulate
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
+import numpy as np
 from pydantic import Field
 
 from oaisys_core.errors import InvalidInputError
@@ -123,6 +124,9 @@ class FrameRecord(SensorRecord):
         """Yield each field that contradicts others: its name, its value, what was expected."""
         yield from super().contradictions()
         camera = self.camera
+        if not np.array_equal(camera.K, self.intrinsics["K"]):
+            expected = f"{camera.K.tolist()}, after its focal lengths and principal point"
+            yield "intrinsics.K", self.intrinsics["K"], expected
         size = (camera.height_px, camera.width_px)
         for modality, image in self.images.items():
             if image.shape[:2] != size:

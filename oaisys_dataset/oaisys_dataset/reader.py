@@ -189,16 +189,24 @@ class Dataset(Sequence[DatasetSample]):
         """Return a lidar scan with its points.
 
         Raises:
-            InvalidInputError: The points cannot be decoded.
+            InvalidInputError: The points are others than recorded, or cannot be decoded.
         """
         points = record.points
-        file = self.place.read(tar_name(record.world), points.offset, points.size)
-        scan = read_scan(record, file)
+        scan = read_scan(record, self.scan_file(record))
         found = (len(scan.data), scan.data.dtype.names)
         if found != (points.count, points.fields):
             expected = f"{points.count} with {', '.join(points.fields)}, as recorded"
             raise InvalidInputError(f"{points.file}: points", found, expected)
         return scan
+
+    def scan_file(self, record: ScanRecord) -> bytes:
+        """Return the file of a lidar scan, as the shard has it.
+
+        Raises:
+            InvalidInputError: It is another one than recorded.
+        """
+        tar, points = tar_name(record.world), record.points
+        return points.verified(self.place.read(tar, points.offset, points.size), tar)
 
     def scans_beside(self, record: FrameRecord) -> dict[str, LidarScan]:
         """Return the lidar scans of a frame's view by the lidar's name."""
@@ -252,7 +260,15 @@ class Dataset(Sequence[DatasetSample]):
         return next((scan for scan in scans if scan.scan_id == scan_id), None)
 
     def files(self, record: FrameRecord) -> dict[str, bytes]:
-        """Return the image files of a frame by modality, as the shard has them."""
+        """Return the image files of a frame by modality, as the shard has them.
+
+        Raises:
+            InvalidInputError: One of them is another one than recorded.
+        """
+        return self._files(record, record.images)
+
+    def _files(self, record: FrameRecord, wanted: Iterable[str]) -> dict[str, bytes]:
+        """Return some of the image files of a frame, all of which are read at once."""
         images = record.images
         begin = min(image.offset for image in images.values())
         end = max(image.offset + image.size for image in images.values())
@@ -261,21 +277,21 @@ class Dataset(Sequence[DatasetSample]):
         if len(data) < end - begin:
             expected = f"files within {tar}, which ends at {begin + len(data)}"
             raise InvalidInputError(f"{record.frame_id}: images", f"an end at {end}", expected)
-        return {modality: _cut(data, image, begin) for modality, image in images.items()}
+        files = {modality: _cut(data, images[modality], begin) for modality in wanted}
+        return {name: images[name].verified(file, tar) for name, file in files.items()}
 
     def sample(self, record: FrameRecord, modalities: Sequence[str] = ()) -> DatasetSample:
         """Return a frame with its pixels, in all modalities or in some.
 
         Raises:
-            InvalidInputError: An image cannot be decoded.
+            InvalidInputError: An image is another one than recorded, or cannot be decoded.
         """
-        names = list(modalities or record.images)
+        files = self._files(record, modalities or record.images)
         arrays = {
             modality: _pixels(file, modality, record.images[modality])
-            for modality, file in self.files(record).items()
-            if modality in names
+            for modality, file in files.items()
         }
-        return DatasetSample(record, {name: arrays[name] for name in names})
+        return DatasetSample(record, arrays)
 
     def stream(self, modalities: Sequence[str] = ()) -> Iterator[DatasetSample]:
         """Yield all frames in order, world by world."""

@@ -80,6 +80,21 @@ class FileRecord:
     size: Bytes
     sha256: Sha256
 
+    def verified(self, file: bytes, shard: str) -> bytes:
+        """Return the file's bytes in a shard.
+
+        Raises:
+            InvalidInputError: They are others than recorded.
+        """
+        found = hashlib.sha256(file).hexdigest()
+        if found != self.sha256:
+            received, expected = (
+                f"bytes with the hash {found[:12]}",
+                f"{self.sha256[:12]}, as recorded",
+            )
+            raise InvalidInputError(f"{shard}: {self.file}", received, expected)
+        return file
+
 
 class SensorRecord(Record):
     """Base of the record of what one sensor measured at one view, with a hash.

@@ -82,7 +82,7 @@ FIELDS: dict[tuple[str | int, ...], tuple[Any, ...]] = {
     ("intrinsics", "width_px"): (0, *NO_NUMBERS),
     ("intrinsics", "distortion"): ([1, 2], ["a"] * 5, 0, [float("nan")] * 5),
     ("intrinsics", "distortion_model"): ("../x", 5),
-    ("intrinsics", "K"): ([], [[1, 2, 3]], None),
+    ("intrinsics", "K"): ([], [[1, 2, 3]], None, [[5, 0, 7], [0, 5, 7], [0, 0, 1]]),
     ("images",): ({}, [], None, {"../rgb": 1}),
     ("images", "rgb"): ({}, [], None),
     ("images", "rgb", "offset"): (-1, 10**18, "0", None),
@@ -174,6 +174,16 @@ def test_two_frames_with_one_name_are_refused(name: str, foreign: Path, tmp_path
     with pytest.raises(InvalidInputError):
         export_dataset(open_dataset(foreign), name, tmp_path / "out")
     assert files_below(tmp_path) == before
+
+
+def test_files_are_those_of_the_manifest(foreign: Path, tmp_path: Path) -> None:
+    """The picture of one view where that of another is expected: both can be read."""
+    first = json.loads((foreign / MANIFEST).read_text().splitlines()[0])["images"]["rgb"]
+    for key in ("offset", "size"):
+        change_line(foreign, ("images", "rgb", key), first[key], line=1)
+    with pytest.raises(InvalidInputError, match=r"rgb\.png: received 'bytes with the hash"):
+        export_dataset(open_dataset(foreign), "tum", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_link_among_the_exports_is_not_followed(foreign: Path, tmp_path: Path) -> None:
