@@ -7,7 +7,9 @@ if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:  # as in `python -m oaisy
     del sys.path[0]  # the current folder, whose files nothing may import
 
 from oaisys_core.private.open3d_import import guard_open3d
+from oaisys_core.private.scipy_import import guard_scipy
 
 guard_open3d()
+guard_scipy()
 
 __version__ = Path(__file__).with_name("VERSION").read_text(encoding="ascii").strip()

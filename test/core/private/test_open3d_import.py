@@ -47,7 +47,8 @@ class Last:
         if name == "open3d":
             exec(MAPPED)
             sys.exit(0)
-sys.meta_path.insert(1, Last())
+names = [type(finder).__name__ for finder in sys.meta_path]
+sys.meta_path.insert(names.index("Open3DGuard") + 1, Last())
 import open3d
 """
     ended = ran(f"MAPPED = {MAPPED!r}", probe)
