@@ -18,7 +18,8 @@ BENCH_ARGS ?= --out out/bench
 PYTEST_ARGS ?= -n 3 --dist loadfile --no-loadscope-reorder
 # Each run of many tests ends with a table of its slowest ones, before pytest's closing line.
 SLOWEST := --durations=20 --durations-min=1
-# The tools' own arithmetic and runs promise nothing to users; they have a target of their own.
+# The tools' own arithmetic and runs promise nothing to users, and what notebooks and wheels hold is
+# tested elsewhere; they have a target of their own.
 BENCH_TESTS := test/bench
 FUZZ_SECONDS ?= 60
 # The demo tells its seconds from here on, set-up included.
@@ -61,7 +62,7 @@ test-full: setup ## Run the long tests: every example, faults, both sizes of sur
 soak: setup ## Run what repeats other tests for long: 10,000 requests, kills again and again, further presets, memory (half an hour or more)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m soak
 
-bench-test: setup ## Run the tests of the bench, its referees and the look book (about 7 minutes)
+bench-test: setup ## Run the tests of the bench, the look book, the site's build, the notebooks and the wheels (about 7 minutes for the bench's)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) $(BENCH_TESTS)
 
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)

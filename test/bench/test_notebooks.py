@@ -12,8 +12,6 @@ import pytest
 from repository import REPOSITORY
 from waiting import START_PATIENCE_S
 
-from tools.docs.notebook_pages import notebook_files, notebook_pages
-
 NOTEBOOKS = REPOSITORY / "examples" / "notebooks"
 
 
@@ -48,25 +46,12 @@ def test_a_cell_that_fails_is_noticed(tmp_path: Path) -> None:
         run(file, tmp_path)
 
 
-def test_notebooks_hold_no_output_and_are_on_the_site() -> None:
-    pages = dict(notebook_pages())
-    assert len(pages) == len(notebook_files()) == 3
-    for file in notebook_files():
-        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-        assert not any(cell.get("outputs") for cell in cells)
-        code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
-        page = pages[f"tutorials/notebooks/{file.stem}.md"]
-        assert all("".join(source) in page for source in code)
-
-
-@pytest.mark.long
 def test_one_view(tmp_path: Path) -> None:
     printed = run(NOTEBOOKS / "01_one_view.ipynb", tmp_path)
     assert "objects are in view" in printed
     assert "class 1: 9" in printed
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_over_grpc(tmp_path: Path) -> None:
     printed = run(NOTEBOOKS / "02_over_grpc.ipynb", tmp_path)
@@ -74,7 +59,6 @@ def test_over_grpc(tmp_path: Path) -> None:
     assert "refused: pose.position" in printed
 
 
-@pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_a_planner(tmp_path: Path, ros_domain_id: int) -> None:

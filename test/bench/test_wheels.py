@@ -50,7 +50,6 @@ def run(python: Path, folder: Path, *arguments: str) -> str:
     return ended.stdout
 
 
-@pytest.mark.long
 @pytest.mark.system
 def test_an_example_runs_from_wheels_outside_of_the_repository(tmp_path: Path) -> None:
     before = set(REPOSITORY.rglob("*.egg-info"))
