@@ -12,6 +12,8 @@ from oaisys_core.config import SimulationConfig, adjust, load_config
 from oaisys_core.simulation import Simulation
 
 MAX_GRID_PX = 129
+MIN_GRID_PX = 65
+"""Where the ground is not what the example is about."""
 MAX_ROCKS = 15
 MAX_THINGS = 3000
 """Of a group: those of `assets_pebbles` are in view, of which there are 100,000 without it."""
@@ -24,7 +26,11 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
-    """Return the configuration, small: ground, rocks and groups, images and samples per pixel."""
+    """Return the configuration, small: ground, rocks and groups, images and samples per pixel.
+
+    Sections that its file does not have are smaller still: other files are about them.
+    """
+    given = config.model_fields_set
     data = adjust(config, size="48x36", quality="preview").model_dump()
     data["stage"]["resolution_px"] = min(config.stage.resolution_px, MAX_GRID_PX)
     data["materials"]["texture_size_px"] = 64
@@ -36,6 +42,12 @@ def small(config: SimulationConfig) -> SimulationConfig:
         group["count"] = [min(count, MAX_THINGS) for count in group["count"]]
         if group["shape"] is not None:
             group["variants"] = min(group["variants"] or MAX_VARIANTS, MAX_VARIANTS)
+    if "stage" not in given:
+        data["stage"] |= {"resolution_px": MIN_GRID_PX, "surroundings": "plain"}
+    if "materials" not in given:
+        data["materials"]["layers"] = data["materials"]["layers"][:1]
+    if "assets" not in given:
+        data["assets"]["rocks"] = data["assets"]["rocks"][:1]
     return SimulationConfig.model_validate(data)
 
 
