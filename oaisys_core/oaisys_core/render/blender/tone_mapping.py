@@ -19,6 +19,8 @@ from oaisys_core.sensing.view_transforms import BASE_EXPOSURE_EV, ExposedImage, 
 BANDS_PER_CORE = 4
 """Of rows of a picture, so that a core's cache holds one."""
 
+RGB_CHANNELS = 3
+
 VIEW_TRANSFORMS = {
     "agx_contrast": ("AgX", "AgX - Medium High Contrast"),
     "agx": ("AgX", "None"),
@@ -49,17 +51,25 @@ def to_pixels(
     pixels = np.empty((*radiance.shape[:2], 3), np.uint8)
     gain = np.float32(2.0**exposure_ev)
     processor = _processor(view_transform)
+    height_px, width_px = pixels.shape[:2]
 
     def develop(rows: slice) -> None:
-        image = np.ascontiguousarray(radiance[rows, :, :3]) * gain
-        processor.applyRGB(image)
-        np.clip(image, 0.0, 1.0, out=image)
-        image *= np.float32(255)
-        # Rounds as Blender does.
-        image += np.float32(0.5)
-        pixels[rows] = image
+        exposed = np.ascontiguousarray(radiance[rows, :, :3] * gain)
+        shown = pixels[rows]
+        processor.apply(
+            PyOpenColorIO.PackedImageDesc(exposed, width_px, len(exposed), RGB_CHANNELS),
+            PyOpenColorIO.PackedImageDesc(
+                shown,
+                width_px,
+                len(shown),
+                PyOpenColorIO.CHANNEL_ORDERING_RGB,
+                PyOpenColorIO.BIT_DEPTH_UINT8,
+                1,
+                RGB_CHANNELS,
+                RGB_CHANNELS * width_px,
+            ),
+        )
 
-    height_px = len(pixels)
     rows = max(-(-height_px // (BANDS_PER_CORE * CORES)), 1)
     # OpenColorIO itself uses one thread per call.
     with ThreadPoolExecutor(CORES) as pool:
@@ -69,7 +79,10 @@ def to_pixels(
 
 @cache
 def _processor(view_transform: ViewTransform) -> Any:
-    """Return OpenColorIO's processor of one of Blender's view transforms."""
+    """Return OpenColorIO's processor of one of Blender's view transforms, from floats to bytes.
+
+    It rounds as Blender does.
+    """
     folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
     config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
     view, look = VIEW_TRANSFORMS[view_transform]
@@ -82,4 +95,8 @@ def _processor(view_transform: ViewTransform) -> Any:
     if look != "None":
         pipeline.setLooksOverrideEnabled(True)
         pipeline.setLooksOverride(look)
-    return pipeline.getProcessor(config, config.getCurrentContext()).getDefaultCPUProcessor()
+    return pipeline.getProcessor(config, config.getCurrentContext()).getOptimizedCPUProcessor(
+        PyOpenColorIO.BIT_DEPTH_F32,
+        PyOpenColorIO.BIT_DEPTH_UINT8,
+        PyOpenColorIO.OPTIMIZATION_DEFAULT,
+    )
