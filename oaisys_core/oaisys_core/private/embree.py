@@ -48,6 +48,12 @@ ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, FLAGS = slice(0, 3), 3, slice(4, 7), 7
 PRIMITIVE, INSTANCE, INSTANCE_PRIMITIVE = 17, 19, 20
 """Indices of fields."""
 
+COHERENT_RAYS, ALL_FEATURES = 1 << 16, 0xFFFFFFFF
+"""Values of ``RTCRayQueryFlags`` and ``RTCFeatureFlags``."""
+
+ARGUMENT_BYTES = 128
+"""More than any version's arguments of a call; what follows the first two fields is 0."""
+
 INVALID_ID = 0xFFFFFFFF
 """Id that Embree gives where a ray hit nothing."""
 
@@ -193,7 +199,8 @@ class EmbreeScene:
         count = len(directions)
         packets = _packets_of(origins, directions, limits, FIELDS)
         ids = packets.view(np.uint32)
-        self._cast(packets, self._held.rtcIntersect8)
+        # Not as coherent rays: of two triangles at their edge, these may hit the other one.
+        self._cast(packets, self._held.rtcIntersect8, None)
         places = (INSTANCE, INSTANCE_PRIMITIVE, PRIMITIVE)
         found = np.stack([ids[:, place].ravel()[:count] for place in places])
         return packets[:, FAR].ravel()[:count], found
@@ -209,15 +216,20 @@ class EmbreeScene:
         """See `TriangleBvh.occludes`; also for a scene of instances."""
         limits = np.full(len(directions), np.inf)
         packets = _packets_of(origins, directions, limits, RAY_FIELDS)
-        self._cast(packets, self._held.rtcOccluded8)
+        arguments = np.zeros(ARGUMENT_BYTES // 4, np.uint32)
+        arguments[:2] = COHERENT_RAYS, ALL_FEATURES
+        self._cast(packets, self._held.rtcOccluded8, arguments.ctypes.data)
         # Embree sets the length of a ray that hits something to minus infinity.
         return np.asarray(packets[:, FAR].ravel()[: len(directions)] < 0)
 
     def prepare(self) -> None:
         """See `TriangleBvh.prepare`; the scene is built already."""
 
-    def _cast(self, packets: NDArray[np.float32], function: Any) -> None:
-        """Write the hits into packets of rays, one call per packet."""
+    def _cast(self, packets: NDArray[np.float32], function: Any, arguments: int | None) -> None:
+        """Write the hits into packets of rays, one call per packet.
+
+        ``arguments`` is the address of Embree's arguments of a call; None: its own.
+        """
         valid = _allocate_aligned((PACKET,), np.int32)
         valid[:] = -1
         start, size = packets.ctypes.data, packets.strides[0]
@@ -228,7 +240,7 @@ class EmbreeScene:
             repeat(valid.ctypes.data),
             repeat(self.handle),
             addresses,
-            repeat(None),
+            repeat(arguments),
         )
         deque(calls, maxlen=0)
 

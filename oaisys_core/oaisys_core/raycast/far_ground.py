@@ -141,8 +141,12 @@ class FarGroundTarget(RayTarget):
         if (xy < low).any() or (xy > high).any():
             is_low = origins_m[..., 2] <= self._triangles.top_m
             return np.asarray(is_low | (directions[:, 2] < 0))
-        level = np.hypot(directions[:, 0], directions[:, 1])
-        may = np.asarray(directions[:, 2] <= self._steepest(origins_m) * level)
+        steepest = self._steepest(origins_m)
+        x, y, z = directions.T
+        most_level = np.hypot(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0))
+        if z.min(initial=np.inf) > steepest * most_level:
+            return np.zeros(len(directions), np.bool_)
+        may = np.asarray(z <= steepest * np.hypot(x, y))
         if not may.any():
             return may
         # By component: loops over two values at a time take five times as long.

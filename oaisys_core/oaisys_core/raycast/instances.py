@@ -263,4 +263,5 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 def matvec(R: NDArray[np.float64], vectors: FloatArray) -> FloatArray:
     """Return (N, 3) products of (N, 3, 3) matrices and (N, 3) vectors."""
-    return np.asarray(np.einsum("nij,nj->ni", R, vectors))
+    # The order in which einsum adds depends on that of the vectors' components in memory.
+    return np.asarray(np.einsum("nij,nj->ni", R, np.ascontiguousarray(vectors)))

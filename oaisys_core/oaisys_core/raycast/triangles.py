@@ -70,12 +70,11 @@ class TriangleTarget(RayTarget):
         rays = directions.reshape(-1, 3)
         coarse, triangles = self._bvh.first(of_rays, rays)
         distances, elements = coarse.astype(np.float64), triangles.astype(np.int64)
-        hit: Any = np.flatnonzero(np.isfinite(distances))
-        if len(hit) == len(rays):
-            # A slice is not copied.
-            hit = slice(None)
-        else:
-            elements[~np.isfinite(distances)] = NO_ELEMENT
+        is_hit = np.isfinite(coarse)
+        # A slice is not copied.
+        hit: Any = slice(None) if is_hit.all() else np.flatnonzero(is_hit)
+        if not isinstance(hit, slice):
+            elements[~is_hit] = NO_ELEMENT
         corners, normals = self._planes(elements[hit])
         origins = of_rays if of_rays.ndim == 1 else of_rays[hit]
         distances[hit] = exact_distances(distances[hit], corners, normals, origins, rays[hit])
@@ -89,8 +88,10 @@ class TriangleTarget(RayTarget):
 
     def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
         """See `RayTarget`."""
-        hit = elements != NO_ELEMENT
         ids = np.zeros(elements.shape, np.uint32)
+        if self._instance_ids is None:
+            return ids
+        hit = elements != NO_ELEMENT
         ids[hit] = self._instance_ids[elements[hit]]
         return ids
 
@@ -130,21 +131,36 @@ class HeightFieldTarget(TriangleTarget):
         super().__init__([mesh], builder)
 
     def _keep(self, mesh: TriangleMesh) -> None:
-        pass
+        """Keep the grid as seen from the origin, and its steps."""
+        self._x_m = self._x_m.astype(np.float64) - self._origin_m[0]
+        self._y_m = self._y_m.astype(np.float64) - self._origin_m[1]
+        self._step_x_m, self._step_y_m = np.diff(self._x_m), np.diff(self._y_m)
 
-    def _corners(self, triangle_ids: NDArray[np.int64]) -> Iterator[FloatArray]:
+    def _planes(self, triangle_ids: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """See `TriangleTarget`; the same products, but for those that are 0 along a grid's axes."""
         width = len(self._x_m)
         cells = triangle_ids >> 1
         row = cells // (width - 1)
         col = cells - row * (width - 1)
         is_upper = triangle_ids & 1
-        elevation_m = self._elevation_m.reshape(-1)
         # See `HeightField.triangles`.
-        for rows, cols in ((row, col), (row + is_upper, col + 1), (row + 1, col + 1 - is_upper)):
-            places = np.empty((3, len(rows)))
-            places[0], places[1] = self._x_m.take(cols), self._y_m.take(rows)
-            places[2] = elevation_m.take(rows * width + cols)
-            yield places.T
+        first = cells + row
+        second, third = first + 1 + is_upper * width, first + (width + 1) - is_upper
+        corners, normals = np.empty((2, 3, len(cells)))
+        corners[0], corners[1] = self._x_m.take(col), self._y_m.take(row)
+        corners[2] = self._height_m(first)
+        dx, dy = self._step_x_m.take(col), self._step_y_m.take(row)
+        second_dz, third_dz = (self._height_m(each) - corners[2] for each in (second, third))
+        np.multiply(dx, dy, out=normals[2])
+        np.subtract(is_upper * (dy * third_dz), second_dz * dy, out=normals[0])
+        np.subtract((1 - is_upper) * (second_dz * dx), dx * third_dz, out=normals[1])
+        return corners.T, normals.T
+
+    def _height_m(self, places: NDArray[np.int64]) -> FloatArray:
+        """Return (N,) elevations, less the origin's, of vertices by their places in the grid."""
+        height_m = self._elevation_m.reshape(-1).take(places).astype(np.float64)
+        height_m -= self._origin_m[2]
+        return height_m
 
 
 def exact_distances(
@@ -187,10 +203,10 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[:, 0] * b[:, 0] + a[:, 2] * b[:, 2] + a[:, 1] * b[:, 1])
 
 
-def _instance_ids(meshes: Sequence[TriangleMesh]) -> NDArray[np.uint32]:
-    """Return the instance id of each triangle of some meshes, 0 where a mesh has none."""
+def _instance_ids(meshes: Sequence[TriangleMesh]) -> NDArray[np.uint32] | None:
+    """Return the instance id of each triangle, 0 where a mesh has none; None if no mesh has any."""
     if all(mesh.instance_ids is None for mesh in meshes):
-        return np.broadcast_to(np.uint32(0), sum(len(mesh.triangles) for mesh in meshes))
+        return None
     ids = [np.empty(0, np.uint32)]
     for mesh in meshes:
         zeros = np.zeros(len(mesh.triangles), np.uint32)

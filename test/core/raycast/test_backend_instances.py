@@ -13,6 +13,7 @@ from synthetic_worlds import camera, rocky_world, settings
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
 from oaisys_core.raycast import visible_boxes
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
+from oaisys_core.raycast.instances import matvec
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
 from oaisys_core.raycast.targets import placement_targets
 from oaisys_core.raycast.targets.ray_target import NO_ELEMENT
@@ -89,6 +90,13 @@ def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
 def rays(view: int) -> tuple[FloatArray, FloatArray]:
     T_map_camera = VIEWS[view].T_map_camera
     return T_map_camera[:3, 3], pixel_rays(WIDE) @ T_map_camera[:3, :3].T
+
+
+def test_products_have_the_same_bytes_however_vectors_lie_in_memory() -> None:
+    R = overlapping_rocks(60)[0].placement.T_map_object[:, :3, :3]
+    by_point = np.random.default_rng(3).normal(size=(60, 3))
+    expected = matvec(R, by_point).tobytes()
+    assert matvec(R, np.asfortranarray(by_point)).tobytes() == expected
 
 
 @pytest.mark.blender

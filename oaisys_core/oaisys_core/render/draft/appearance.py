@@ -61,7 +61,15 @@ def places_m(values: ArrayLike) -> FloatArray:
 
 def take(values: NDArray[Any], rows: Rows) -> NDArray[Any]:
     """Return some of (N, ...) values, in the order in which those are stored."""
-    return values[rows] if isinstance(rows, slice) else values.T.take(rows, axis=-1).T
+    if isinstance(rows, slice):
+        return values[rows]
+    if values.ndim != 2:
+        return values.T.take(rows, axis=-1).T
+    # One by one: NumPy copies all rows of arrays that are parts of larger ones.
+    taken = np.empty((values.shape[1], len(rows)), values.dtype)
+    for component, into in zip(values.T, taken, strict=True):
+        into[:] = component.take(rows)
+    return taken.T
 
 
 def put(values: NDArray[Any], rows: Rows, some: NDArray[Any]) -> None:

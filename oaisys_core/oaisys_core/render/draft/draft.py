@@ -17,7 +17,6 @@ from oaisys_core.render.draft.appearance import (
     by_component,
     dot,
     empty,
-    normalise,
     places_m,
     put,
     rows_where,
@@ -62,6 +61,7 @@ class Pixels(NamedTuple):
 
     Attributes:
         look: How it looks, (H, W) or (H, W, 3) each.
+        to_eye: (H, W, 3) unit vectors.
         distance_m: (H, W) from the eye, 0 where nothing was hit.
         facing: (H, W) cosines of the sun's angle to the surfaces themselves, from below negative.
         lift_m: (H, W) how far above surfaces rays to the sun begin; below, where negative.
@@ -69,6 +69,7 @@ class Pixels(NamedTuple):
     """
 
     look: Appearance
+    to_eye: Floats
     distance_m: Floats
     facing: Floats
     lift_m: Floats
@@ -85,7 +86,7 @@ class Pixels(NamedTuple):
             np.zeros(shape, np.float32),
         )
         distance_m, facing, lift_m = np.zeros((3, *shape), np.float32)
-        return cls(look, distance_m, facing, lift_m, np.zeros(shape, np.bool_))
+        return cls(look, zeros(*shape, 3), distance_m, facing, lift_m, np.zeros(shape, np.bool_))
 
     def rows(self, rows: slice) -> Pixels:
         """Return some rows as pixels of one column, which share their memory with these."""
@@ -142,7 +143,10 @@ class DraftRenderer:
         """Write, into some rows of pixels, what a view shows."""
         rays = by_component(view.directions.reshape(-1, 3))
         depth_m = np.where(view.is_hit, view.depth_m, 0).reshape(-1)
-        pixels.distance_m[:] = depth_m * np.sqrt(dot(rays, rays))
+        length = np.sqrt(dot(rays, rays))
+        pixels.distance_m[:] = depth_m * length
+        for into, component in zip(pixels.to_eye.T, rays.T, strict=True):
+            np.multiply(component, -1 / length, out=into)
         footprint_m = pixels.distance_m * np.float32(pixel_rad)
         for is_shown, find in (
             (view.is_ground, self._ground_look),
@@ -196,18 +200,25 @@ class DraftRenderer:
         if isinstance(rows, slice) or len(rows):
             look = Appearance(*(take(each, rows) for each in pixels.look))
             light = take(sun_share, rows), take(around, rows)
-            found = self._reflect(scene, view.pixels(rows), look, *light)
+            to_eye = take(pixels.to_eye, rows)
+            found = self._reflect(scene, view.pixels(rows), look, to_eye, *light)
             if scene.sky.haze is not None:
                 _veil(scene.sky, take(pixels.distance_m, rows), found)
             put(image, rows, found)
         if not isinstance(rows, slice):
             missed = np.flatnonzero(~is_hit)
-            rays = view.directions.reshape(-1, 3).take(missed, axis=0)
+            rays = np.ascontiguousarray(view.directions.reshape(-1, 3)[missed])
             put(image, missed, self._parts.sky.radiance(rays, with_disc=True))
         return image
 
     def _reflect(
-        self, scene: Scene, view: View, look: Appearance, sun_share: Floats, around: Floats
+        self,
+        scene: Scene,
+        view: View,
+        look: Appearance,
+        to_eye: Floats,
+        sun_share: Floats,
+        around: Floats,
     ) -> Floats:
         """Return the (N, 3) radiance of the points of a view of one column, without haze."""
         points_m, light = view.points_m[:, 0], self._parts.sky
@@ -220,7 +231,7 @@ class DraftRenderer:
             np.multiply(around, sun * share, out=channel)
             channel[:] += sky * share
         nearby = Nearby(
-            normalise(-by_component(view.directions[:, 0])),
+            to_eye,
             sun_share,
             self._parts.visibility.at(points_m),
             ground,

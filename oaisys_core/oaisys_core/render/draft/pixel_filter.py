@@ -28,7 +28,10 @@ def filter_pixels(image: Floats, surface: Surface, view: View) -> Floats:
         inner = slice(rows.start - first, rows.stop - first)
         some = image[first:end]
         filtered[rows] = _filtered(some, PIXEL_FILTER)[inner]
-        is_thin = _is_thin(view.instance_ids[first:end])[inner]
+        ids = view.instance_ids[first:end]
+        if (ids == ids[0, 0]).all():
+            return
+        is_thin = _is_thin(ids)[inner]
         if is_thin.any():
             filtered[rows][is_thin] = _filtered(some, THIN_FILTER)[inner][is_thin]
 

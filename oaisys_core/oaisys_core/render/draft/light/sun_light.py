@@ -57,10 +57,10 @@ class LiftedPoints(NamedTuple):
 
     def at(self, pixels: NDArray[np.intp]) -> FloatArray:
         """Return the (P, 3) lifted points of some pixels."""
-        lifted_m = self.points_m.take(pixels, axis=0)
+        lifted_m = np.empty((len(pixels), 3), order="F")
         lift_m = self.lift_m.take(pixels)
-        for axis, component in enumerate(self.normal.T):
-            lifted_m[:, axis] += component.take(pixels) * lift_m
+        for into, place_m, normal in zip(lifted_m.T, self.points_m.T, self.normal.T, strict=True):
+            np.add(place_m.take(pixels), normal.take(pixels) * lift_m, out=into)
         return lifted_m
 
 
@@ -71,7 +71,8 @@ class SunLight:
         """Take over where the rays of all pixels begin, row by row."""
         self._surface, self._starts = surface, starts
         self._to_sun = np.array(sky.to_sun)
-        self._discs = _discs(self._to_sun, sky.sun_angular_diameter_rad / 2)
+        discs = _discs(self._to_sun, sky.sun_angular_diameter_rad / 2)
+        self._discs = np.ascontiguousarray(np.moveaxis(discs, -1, 0))
 
     def share(self, may_see: NDArray[np.bool_], instance_ids: NDArray[np.uint32]) -> Floats:
         """Return the (H, W) share of the disc that is seen.
@@ -140,8 +141,9 @@ class SunLight:
         shares = np.empty(len(pixels), np.float32)
 
         def cast(rows: slice) -> None:
-            rays = self._discs[places[rows]].reshape(-1, 3)
-            origins_m = np.repeat(self._starts.at(pixels[rows]), EDGE_RAYS, axis=0)
+            # By component, as the starts are.
+            rays = self._discs[:, places[rows]].reshape(3, -1).T
+            origins_m = np.repeat(self._starts.at(pixels[rows]).T, EDGE_RAYS, axis=1).T
             is_hidden = self._surface.are_occluded(origins_m, rays)
             shares[rows] = 1 - is_hidden.reshape(-1, EDGE_RAYS).mean(axis=1, dtype=np.float32)
 
