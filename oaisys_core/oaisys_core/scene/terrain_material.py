@@ -23,6 +23,9 @@ STEEP_COS = (0.77, 0.57)
 """Vertical component of the normal (40 and 55 degrees of slope) between which the texture projected
 from above gives way to those from the sides."""
 
+MIN_TONE, MAX_TONE = 0.3, 1.7
+"""Bounds of the factors of a ground's tone."""
+
 SAMPLED_PX = 256
 """Pixels of a texture's row of which its mean colour is taken."""
 
@@ -109,7 +112,7 @@ class TerrainLayer:
 
 @dataclass(frozen=True)
 class Variation:
-    """Slow change of the ground's colour; its pattern is the height map of the first layer.
+    """Change of the ground's colour in a pattern that repeats: the first layer's height map.
 
     Attributes:
         brightness: Range of the brightness factor around 1.
@@ -135,6 +138,8 @@ class TerrainMaterial:
         variation: Slow change of colour over the ground.
         projects_sides: Whether textures are projected onto steep slopes from the side instead of
             from above.
+        tone: (M, M, 3) uint8 factors on the linear colour over the extent, from `MIN_TONE` to
+            `MAX_TONE`, row 0 at min_y; those of its edge go on beyond it. None for none.
         macro: Variation of colour from metres to kilometres; None for none.
         land: Weights of the layers on the land around the extent; None if there is no land.
         wet_bank_m: Heights up to which the stage is wet and from which it is dry; None without
@@ -150,6 +155,7 @@ class TerrainMaterial:
     label_cell_m: float | None = None
     variation: Variation = Variation()
     projects_sides: bool = False
+    tone: NDArray[np.uint8] | None = None
     macro: MacroVariation | None = None
     land: LandMasks | None = None
     wet_bank_m: tuple[float, float] | None = None

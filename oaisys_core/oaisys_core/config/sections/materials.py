@@ -82,7 +82,8 @@ class MaskConfig(Section):
             covers earlier ones, see ``noise``.
         scale_m: Typical size of a patch. Patches lie closer in some regions, up to eight times as
             large.
-        sharpness: Sharpness of the colour borders of patches, from 0 (soft) to 1 (hard).
+        sharpness: Sharpness of the borders of patches, from 0 to 1. With 0, bare layers change over
+            wide transitions, and plants thin out to single tufts; with 1, borders are hard.
         relief: How strongly patches follow the forms of the ground, from 0 to 1: each layer lies
             where its ``exposure`` says. Layers of the same exposure do not.
         noise: Parameters of the method ``noise``.
@@ -98,12 +99,13 @@ class MaskConfig(Section):
 
 
 class VariationConfig(Section):
-    """Slow change of the ground's colour over the stage.
+    """Change of the ground's colour over the stage.
 
     Attributes:
         brightness: Range of the brightness factor around 1.
         tint: Range of the change between cool and warm, as a share of red and blue.
-        scale_m: Size of the pattern; None for 7.3 tiles of the first layer.
+        scale_m: Size of a pattern that repeats; with None, colour follows the ground's forms: damp
+            hollows, pale crests, streaks of water, dry plants and clumps of plants.
     """
 
     brightness: float = Field(default=0.35, ge=0, le=1)
@@ -151,7 +153,7 @@ class MaterialsConfig(Section):
             ``lommel_seeliger``, ``lunar_lambert`` (McEwen) and ``hapke`` are laws of powdery ground
             without air, see docs/light.md.
         hapke: Parameters of the law ``hapke``.
-        variation: Slow change of colour.
+        variation: Change of colour over the stage.
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,

@@ -9,6 +9,12 @@ from math import floor, log2, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.procedural.terrain.masks.cover import (
+    tuft_deviation,
+    tuft_softness,
+    tufts,
+    visible_share,
+)
 from oaisys_core.procedural.terrain.noise import (
     Field,
     balancing_offsets,
@@ -24,16 +30,22 @@ RAGGED = 1.2
 Patches whose octaves fade quickly have one clean outline each, and look like camouflage from above.
 """
 
+PATCHES = 0.75
+"""Weight of patches and regions beside what the ground's forms favour."""
+
 LARGEST = 8.0
 """Size of the largest patches, in units of the patches whose size is given."""
 
 OCTAVE = 0.5
 """Standard deviation of each octave of larger patches: as that of the patches of the given size."""
 
-RELUCTANCE = 0.5
+RELUCTANCE = 1.0
 """Reduction of a patch's score (standard deviation 1) where a condition holds by 1/e."""
 
-WIDEST = 1.5
+NOWHERE = -1e6
+"""Score of a layer that does not lie at a place, whatever the others have."""
+
+WIDEST = 2.6
 """Width of the softest borders, in standard deviations of the patches' scores."""
 
 MIN_WEIGHT = 0.04
@@ -71,6 +83,7 @@ def blend_masks(
     shares: Sequence[float] | None = None,
     gates: NDArray[np.float32] | None = None,
     preferences: NDArray[np.float32] | None = None,
+    green: Sequence[bool] | None = None,
 ) -> NDArray[np.float32]:
     """Return (n_layers, size_px, size_px) float32 weights that sum to 1.
 
@@ -94,36 +107,66 @@ def blend_masks(
     if n_layers == 1:
         return np.ones((1, size_px, size_px), np.float32)
     waves = max(extent_m / (2 * scale_m), 1.0)
+    is_green = np.zeros(n_layers, np.bool_) if green is None else np.array(green, np.bool_)
     scores = np.stack([_patches(size_px, waves, rng) for _ in range(n_layers)])
+    deviation, texel_m = np.float32(tuft_deviation(sharpness)), extent_m / size_px
+    for index in np.flatnonzero(is_green):
+        scores[index] += deviation * tufts(size_px, texel_m, rng)
     if preferences is not None:
         scores += preferences
     few = scores[:, ::OFFSET_STRIDE, ::OFFSET_STRIDE]
     wanted = np.ones(n_layers) if shares is None else np.asarray(shares)
     scores += balancing_offsets(few, wanted)[:, None, None]
     if gates is not None:
-        with np.errstate(divide="ignore"):
-            scores += np.float32(RELUCTANCE) * np.log(_open_first(gates))
-    return weights_of(scores, border_softness(sharpness))
+        scores += np.float32(RELUCTANCE) * np.log(np.maximum(_open_first(gates), 1e-30))
+        scores[_open_first(gates) <= 0] = NOWHERE
+    of_tufts = tuft_softness(sharpness, visible_share(texel_m))
+    return weights_of(scores, border_softness(sharpness), is_green, of_tufts)
 
 
-def weights_of(scores: NDArray[np.float32], softness: float) -> NDArray[np.float32]:
+def weights_of(
+    scores: NDArray[np.float32],
+    softness: float,
+    is_green: NDArray[np.bool_],
+    of_tufts: FloatArray,
+) -> NDArray[np.float32]:
     """Return (L, ...) weights that sum to 1, of layers that compete by their scores.
 
-    They replace the scores. Layers of less than `MIN_WEIGHT` are left out, because each that is
-    seen at a point costs time there.
+    Bare layers turn gradually into each other, and plants into these within a tuft. Layers of less
+    than `MIN_WEIGHT` are left out, because each that is seen at a point costs time there.
+
+    Args:
+        scores: (L, ...); the weights replace them.
+        softness: Width of the borders of bare layers, see `border_softness`.
+        is_green: (L,) whether a layer is of plants.
+        of_tufts: Width of their borders, see `tuft_softness`: anything that broadcasts to (...).
     """
-    scores -= scores.max(axis=0)
-    scores /= np.float32(softness)
-    weights = np.exp(scores, out=scores)
-    weights /= weights.sum(axis=0)
+    wide, narrow = np.float32(softness), np.asarray(of_tufts, np.float32)
+    if is_green.any() and not is_green.all():
+        above = scores[is_green].max(axis=0) - scores[~is_green].max(axis=0)
+        share = 1 / (1 + np.exp(-np.clip(above / narrow, -30, 30)))
+        weights = scores
+        weights[is_green] = _compete(scores[is_green], narrow) * share
+        weights[~is_green] = _compete(scores[~is_green], wide) * (1 - share)
+    else:
+        weights = _compete(scores, narrow if is_green.all() else wide)
     weights -= np.float32(min(MIN_WEIGHT, 0.5 / len(weights)))
     np.maximum(weights, 0, out=weights)
     weights /= weights.sum(axis=0)
     return weights
 
 
+def _compete(scores: NDArray[np.float32], softness: Field | np.float32) -> NDArray[np.float32]:
+    """Return (L, ...) weights that sum to 1 of layers of one kind; they replace the scores."""
+    scores -= scores.max(axis=0)
+    scores /= softness
+    np.exp(scores, out=scores)
+    scores /= scores.sum(axis=0)
+    return scores
+
+
 def border_softness(sharpness: float) -> float:
-    """Return the width of the borders of patches, in standard deviations of their scores."""
+    """Return the width of the borders of bare layers, in standard deviations of their scores."""
     return float(WIDEST * (1 - sharpness) ** 1.5 + 1e-3)
 
 
@@ -189,7 +232,7 @@ def _patches(size_px: int, waves: float, rng: np.random.Generator) -> Field:
     if larger > 1:
         regions = band(size_px, waves / larger, waves, rng)
         field += np.float32(OCTAVE * sqrt(log2(larger))) * regions
-    return field
+    return np.float32(PATCHES) * field
 
 
 def _unit_noise(

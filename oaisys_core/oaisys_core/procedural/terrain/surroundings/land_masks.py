@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.procedural.terrain.masks.patches import RAGGED, weights_of
+from oaisys_core.procedural.terrain.masks.cover import (
+    WAVES_M,
+    tuft_deviation,
+    tuft_softness,
+    tufts,
+    visible_share,
+)
+from oaisys_core.procedural.terrain.masks.patches import NOWHERE, PATCHES, RAGGED, weights_of
 from oaisys_core.procedural.terrain.noise import Field, balancing_offsets, filter_noise
 from oaisys_core.procedural.terrain.surroundings.land_relief import LandScores
 from oaisys_core.types import FloatArray
@@ -33,6 +40,9 @@ PATCHES_PX, PATCHES_TEXEL = 1024, 0.5
 
 RAGGED_PX, RAGGED_TEXEL = 512, 1 / 32
 """The same of the tile that makes the patches' borders ragged."""
+
+TUFTS_PX, TUFTS_TEXEL_M = 512, WAVES_M[0] / 2
+"""Size of the tile of tufts of plants, and of its texels."""
 
 SPREAD, RAGGED_SPREAD = 1.7, 0.83
 """Standard deviations of the tiles, in units of that of the stage's patches: every octave is as
@@ -59,6 +69,8 @@ class PatchyLandMasks:
         softness: Width of the borders of patches, in standard deviations of the stage's patches.
         seed: Seed of the patches.
         relief: Relief of the land, which the patches follow; None for patches of noise alone.
+        is_green: Whether each layer is of plants, which thin out to tufts; empty for none.
+        sharpness: Sharpness of the borders of plants, see `tuft_softness`.
     """
 
     extent_m: tuple[float, float, float, float]
@@ -67,6 +79,8 @@ class PatchyLandMasks:
     softness: float
     seed: int
     relief: LandScores | None = None
+    is_green: tuple[bool, ...] = ()
+    sharpness: float = 1.0
 
     @property
     def centre_m(self) -> tuple[float, float]:
@@ -146,15 +160,20 @@ class PatchyLandMasks:
         count = len(self.shares)
         # Without noise of its own, the first layer lies where the others have little.
         scores = np.zeros((count, self.rows, DIRECTIONS), np.float32)
+        green = np.array(self.is_green or (False,) * count)
         for tiles in self._tiles():
-            self._add(tiles, scores[1:])
+            self._add(tiles, list(scores[1:]))
+        if green.any():
+            of_plants = [scores[each] for each in np.flatnonzero(green)]
+            self._add(self._tufts(len(of_plants)), of_plants)
         if self.relief is not None:
             for layer in range(count):
                 scores[layer] += self.relief.scores(layer, scores.shape[1:])
         shares = np.maximum(np.array(self.shares), MIN_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
-        scores[np.array(self.shares) < MIN_SHARE] = -np.inf
-        weights = weights_of(scores, self.softness)
+        scores[np.array(self.shares) < MIN_SHARE] = NOWHERE
+        of_tufts = tuft_softness(self.sharpness, visible_share(self._cells_m))[:, None]
+        weights = weights_of(scores, self.softness, green, of_tufts)
         mean = np.array(self.shares, np.float32)[:, None, None]
         weights += (mean / mean.sum() - weights) * self._fade()[:, None]
         return weights
@@ -175,11 +194,29 @@ class PatchyLandMasks:
         ):
             noises = [filter_noise(size, fall, rng) for _ in self.shares[1:]]
             start, turn_rad = rng.uniform(0, size, 2), rng.uniform(0, 2 * pi)
-            scaled = [noise * np.float32(spread) for noise in noises]
+            scaled = [noise * np.float32(PATCHES * spread) for noise in noises]
             yield Tiles(scaled, texel * self.patch_m, (start[0], start[1]), turn_rad)
 
-    def _add(self, tiles: Tiles, scores: NDArray[np.float32]) -> None:
-        """Add copies of tiles to (L - 1, rows, DIRECTIONS) scores.
+    def _tufts(self, count: int) -> Tiles:
+        """Return the noise of the tufts of a number of layers of plants."""
+        rng = randomness.stream(self.seed, "land_tufts")
+        deviation = np.float32(tuft_deviation(self.sharpness))
+        noises = [deviation * tufts(TUFTS_PX, TUFTS_TEXEL_M, rng) for _ in range(count)]
+        start, turn_rad = rng.uniform(0, TUFTS_PX, 2), rng.uniform(0, 2 * pi)
+        return Tiles(noises, TUFTS_TEXEL_M, (start[0], start[1]), turn_rad)
+
+    @property
+    def _distances_m(self) -> FloatArray:
+        """(rows,) distances from the stage's centre."""
+        return np.asarray(self.nearest_m * np.exp(np.arange(self.rows) / self.rows_per_e_fold))
+
+    @property
+    def _cells_m(self) -> FloatArray:
+        """(rows,) sizes of cells."""
+        return self._distances_m / self.rows_per_e_fold
+
+    def _add(self, tiles: Tiles, scores: list[Field]) -> None:
+        """Add copies of tiles to the (rows, DIRECTIONS) scores of as many layers.
 
         They are averaged over cells that are larger than their texels.
         """
@@ -187,8 +224,7 @@ class PatchyLandMasks:
 
         angle = (np.arange(DIRECTIONS) + 0.5) * (2 * pi / DIRECTIONS) + tiles.turn_rad
         cos, sin = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
-        distance_m = self.nearest_m * np.exp(np.arange(self.rows) / self.rows_per_e_fold)
-        reach = (distance_m / tiles.texel_m).astype(np.float32)
+        reach = (self._distances_m / tiles.texel_m).astype(np.float32)
         cell = np.maximum(reach / self.rows_per_e_fold, 1e-9)
         level = np.maximum(np.ceil(np.log2(cell)), 0).astype(np.intp)
         whole = len(tiles.noises[0])

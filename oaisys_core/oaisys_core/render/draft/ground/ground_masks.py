@@ -1,4 +1,4 @@
-"""The weights of the ground's layers at points, as images of their masks have them."""
+"""The weights of the ground's layers at points, and its tone, as their images have them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.render.draft.appearance import Floats, put, take
 from oaisys_core.render.draft.ground.texture_atlas import sample
-from oaisys_core.scene.terrain_material import TerrainMaterial
+from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE, TerrainMaterial
 from oaisys_core.types import FloatArray
 
 CHANNELS = 4
@@ -23,6 +23,7 @@ class GroundMasks:
         self._extent_m = material.extent_m
         self._count = len(material.layers)
         self._images = _images(material.masks)
+        self._tone = material.tone
         self._land = material.land
         self._of_land: list[NDArray[np.float32]] | None = None
 
@@ -30,10 +31,7 @@ class GroundMasks:
         """Return the (N, L) weights at (N, 2) points."""
         if self._count == 1:
             return np.ones((len(xy_m), 1), np.float32)
-        x0, y0, x1, y1 = self._extent_m
-        rows, columns = self._images[0].shape[:2]
-        x = (xy_m[:, 0] - x0) * (columns / (x1 - x0)) - 0.5
-        y = (xy_m[:, 1] - y0) * (rows / (y1 - y0)) - 0.5
+        x, y = self._place(xy_m)
         weights = self._look_up(self._images, x, y, cv2.BORDER_REFLECT)
         if self._land is None or not self._is_any_beyond(xy_m):
             return weights
@@ -45,6 +43,20 @@ class GroundMasks:
         before = take(weights, beyond)
         put(weights, beyond, before + share[beyond, None] * (of_land - before))
         return weights
+
+    def tone(self, xy_m: FloatArray) -> Floats:
+        """Return the (N, 3) factors of the ground's tone at (N, 2) points."""
+        assert self._tone is not None
+        x, y = (each.astype(np.float32) for each in self._place(xy_m))
+        share = sample(self._tone, x, y, cv2.BORDER_REPLICATE)
+        return np.asarray(share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE))
+
+    def _place(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the columns and rows of (N, 2) points."""
+        x0, y0, x1, y1 = self._extent_m
+        rows, columns = self._images[0].shape[:2]
+        x = (xy_m[:, 0] - x0) * (columns / (x1 - x0)) - 0.5
+        return x, (xy_m[:, 1] - y0) * (rows / (y1 - y0)) - 0.5
 
     def _is_any_beyond(self, xy_m: FloatArray) -> bool:
         x0, y0, x1, y1 = self._extent_m

@@ -240,6 +240,8 @@ class GroundTexture:
             for channel, tint in zip(color.T, (1, 0, -1), strict=True):
                 range_ = np.float32(variation.brightness + tint * variation.tint)
                 channel[:] *= pattern * range_ + (1 - range_ / 2)
+        if self._material.tone is not None:
+            color *= self._masks.tone(points_m[:, :2])
         if self._macro is not None:
             color *= self._macro_factor(place_m, (1.0, 1.0), 1.0)
             if axes is not None:

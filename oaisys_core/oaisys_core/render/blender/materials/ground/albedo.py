@@ -36,7 +36,13 @@ from oaisys_core.render.shading.looks import (
 )
 from oaisys_core.render.shading.shading import in_haze, mean_color
 from oaisys_core.scene.sky import Sky
-from oaisys_core.scene.terrain_material import STEEP_COS, PbrMaps, TerrainMaterial
+from oaisys_core.scene.terrain_material import (
+    MAX_TONE,
+    MIN_TONE,
+    STEEP_COS,
+    PbrMaps,
+    TerrainMaterial,
+)
 from oaisys_core.types import FloatArray
 
 POINTS = ((-0.25, 0.083), (-0.083, -0.25), (0.083, 0.25), (0.25, -0.083))
@@ -177,6 +183,9 @@ class GroundAlbedo:
             mixed *= pixels[..., None] / np.float32(len(POINTS))
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
             is_known[rows] |= pixels
+        if self._material.tone is not None:
+            share = bilinear(self._material.tone, *self._mask_place(xy_m), cv2.BORDER_REPLICATE)
+            color *= share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE)
         if self._macro is not None:
             share = repeated(self._macro, xy_m / self._macro_period_m)
             color *= share * np.float32(MAX_FACTOR - MIN_FACTOR) + np.float32(MIN_FACTOR)
@@ -232,10 +241,7 @@ class GroundAlbedo:
         first = np.ones(xy_m.shape[:2], np.float32)
         weights: list[Image] = []
         if len(self._material.layers) > 1:
-            x0, y0, x1, y1 = self._material.extent_m
-            size = self._material.masks.shape[1]
-            x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
-            y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
+            x, y = self._mask_place(xy_m)
             on_land = self._on_land(xy_m)
             for layer, mask in enumerate(self._material.masks[1:]):
                 weight = bilinear(mask, x, y, cv2.BORDER_REFLECT)
@@ -244,6 +250,13 @@ class GroundAlbedo:
                 weights.append(weight)
                 first -= weight
         return [first, *weights]
+
+    def _mask_place(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns and rows of (H, W, 2) points in masks and tone."""
+        x0, y0, x1, y1 = self._material.extent_m
+        size = self._material.masks.shape[1]
+        column = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
+        return column, (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
 
     def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
         """Return the places of points in the masks of the land; None if all are on the stage."""

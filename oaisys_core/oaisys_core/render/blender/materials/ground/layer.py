@@ -27,7 +27,14 @@ from oaisys_core.render.shading.looks import (
 )
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.scene.surroundings import MacroVariation
-from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+from oaisys_core.scene.terrain_material import (
+    MAX_TONE,
+    MIN_TONE,
+    PbrMaps,
+    TerrainLayer,
+    TerrainMaterial,
+    Variation,
+)
 from oaisys_core.scene.tiling import PlainTiling, Tiling
 
 NUDGE = 1e-12
@@ -53,12 +60,14 @@ class MaterialTables(NamedTuple):
 
     Attributes:
         macro: Image of `MacroVariation.share`; None if the colour does not vary so.
+        tone: Image of `TerrainMaterial.tone`; None if there is none.
         tilings: Images of tiling tables, see `TilingNodes`.
         glossy: By identity of texture sets, whether they have glossy parts.
         varies: Whether the ground's colour varies beyond its textures.
     """
 
     macro: Any
+    tone: Any
     tilings: dict[int, Any]
     glossy: dict[int, bool]
     varies: bool
@@ -139,6 +148,8 @@ class LayerNodes:
         variation = self._variation(material.layers[0].maps, material.variation)
         if variation is not None:
             color = tree.vector("MULTIPLY", color, variation)
+        if self._level.tables.tone is not None:
+            color = tree.vector("MULTIPLY", color, self._tone(self._level.tables.tone))
         if material.macro is not None:
             color = tree.vector("MULTIPLY", color, self._macro(material.macro))
         return color
@@ -233,6 +244,18 @@ class LayerNodes:
         ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
         least = tuple((1 - ranges / 2).tolist())
         return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
+
+    def _tone(self, image: Any) -> Socket:
+        """Return the colour factor of the ground's tone; its edge goes on beyond the stage."""
+        tree = self._tree
+        x0, y0, x1, y1 = self._level.material.extent_m
+        texel = tree.add("TexImage", {"Vector": self._position}, image=image, extension="EXTEND")
+        mapping = texel.texture_mapping
+        mapping.scale = (1 / (x1 - x0), 1 / (y1 - y0), 1.0)
+        moved = np.array(self._nudge) - (x0 / (x1 - x0), y0 / (y1 - y0), 0.0)
+        mapping.translation = moved.tolist()
+        span = MAX_TONE - MIN_TONE
+        return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], span, MIN_TONE)
 
     def _macro(self, macro: MacroVariation) -> Socket:
         """Return the colour factor that varies from metres to kilometres; cliffs have beds, too."""

@@ -17,6 +17,7 @@ from typing import Any
 import bpy
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb
 from oaisys_core.procedural.contact_map import ContactMap
@@ -43,7 +44,7 @@ from oaisys_core.render.blender.materials.surfaces import (
 from oaisys_core.render.blender.materials.water import wet
 from oaisys_core.render.shading.ground_contact import mean_colors
 from oaisys_core.render.shading.looks import footprints_m, is_glossy, varies
-from oaisys_core.scene.surroundings import LandDetail, MacroVariation
+from oaisys_core.scene.surroundings import LandDetail
 from oaisys_core.scene.terrain_material import TerrainMaterial
 
 MEAN_PX = 256
@@ -69,7 +70,10 @@ class GroundMaterials:
         self._rims: Any = None
         self._masks = mask_images(material.masks, "masks")
         tables = MaterialTables(
-            macro=None if material.macro is None else _macro_image(material.macro),
+            macro=None
+            if material.macro is None
+            else _factor_image("macro_variation", material.macro.share),
+            tone=None if material.tone is None else _factor_image("tone", material.tone),
             tilings={},
             glossy={
                 id(layer.maps): is_glossy(layer.maps) and not material.is_lambertian
@@ -169,10 +173,11 @@ class GroundMaterials:
         return mean_image(self._material, self._images)
 
 
-def _macro_image(macro: MacroVariation) -> Any:
-    pixels = np.ones((*macro.share.shape[:2], 4), np.float32)
-    np.multiply(macro.share, BYTE, out=pixels[..., :3])
-    return new_image("macro_variation", pixels, is_float=False, is_color=False)
+def _factor_image(name: str, share: NDArray[np.uint8]) -> Any:
+    """Return an image of (rows, columns, 3) bytes that stand for factors."""
+    pixels = np.ones((*share.shape[:2], 4), np.float32)
+    np.multiply(share, BYTE, out=pixels[..., :3])
+    return new_image(name, pixels, is_float=False, is_color=False)
 
 
 def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:

@@ -79,12 +79,20 @@ def cases() -> dict[str, Scene]:
     stochastic = replace(layers[1], tiling=stochastic_tiling(2.0, rng))
     return {
         "layers": world(*layers, variation=colored),
+        "tone": world(*layers, tone=rng.integers(0, 256, (64, 64, 3), np.uint8)),
         "haze": replace(world(*layers[:1]), sky=replace(SUNNY, haze=HAZY)),
         "gentle": world(layers[0], slope=0.3, projects_sides=True),
         "steep": world(layers[0], slope=2.0, projects_sides=True),
         "voronoi": world(voronoi),
         "stochastic": world(layers[0], stochastic),
-        "land": beyond(world(*layers[:2], variation=colored, macro=MacroPattern(1.0, 3))),
+        "land": beyond(
+            world(
+                *layers[:2],
+                variation=colored,
+                macro=MacroPattern(1.0, 3),
+                tone=rng.integers(0, 256, (64, 64, 3), np.uint8),
+            )
+        ),
         "spotted": world(spotted),
         "shiny": world(layers[0], replace(layers[1], maps=shiny)),
     }
@@ -109,6 +117,7 @@ def rms(difference: NDArray[Any]) -> float:
     ("name", "noise"),
     [
         ("layers", 0.6),
+        ("tone", 0.6),
         ("haze", 0.6),
         ("gentle", 0.6),
         ("land", 0.85),

@@ -89,6 +89,7 @@ def material(layers: int, tiling: Tiling) -> TerrainMaterial:
         np.moveaxis(masks, -1, 0),
         (-5.0, -5.0, 5.0, 5.0),
         projects_sides=True,
+        tone=rng.integers(0, 256, (8, 8, 3), np.uint8),
         macro=MacroPattern(0.5, 1),
         variation=Variation(0.3, 0.1),
         wet_bank_m=(-9.0, -8.5),
