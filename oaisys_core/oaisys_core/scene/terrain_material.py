@@ -138,7 +138,7 @@ class TerrainMaterial:
         variation: Slow change of colour over the ground.
         projects_sides: Whether textures are projected onto steep slopes from the side instead of
             from above.
-        tone: (M, M, 3) uint8 factors on the linear colour over the extent, from `MIN_TONE` to
+        tone: (T, T, 3) uint8 factors on the linear colour over the extent, from `MIN_TONE` to
             `MAX_TONE`, row 0 at min_y; those of its edge go on beyond it. None for none.
         macro: Variation of colour from metres to kilometres; None for none.
         land: Weights of the layers on the land around the extent; None if there is no land.

@@ -20,8 +20,9 @@ from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE
 
 Image = NDArray[np.float32]
 
-RELIEF_PX, COARSE_PX = 384, 192
-"""Grid sizes of the slopes that water runs down, and of the forms that stand out."""
+MAX_PX, RELIEF_PX, COARSE_PX = 512, 384, 192
+"""Largest size of the image, beyond which Cycles samples it more slowly, and grid sizes of the
+slopes that water runs down and of the forms that stand out."""
 
 DAMP, PALE, WASHED, MOTTLED = -0.9, 0.3, 0.5, 0.3
 """Changes of the brightness, in units of half its range: from the driest place to the wettest, for
@@ -83,23 +84,23 @@ def ground_tone(
     strength: ToneStrength,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """Return (M, M, 3) bytes: factors on the linear colour, from `MIN_TONE` to `MAX_TONE`.
+    """Return (T, T, 3) bytes: factors on the linear colour, from `MIN_TONE` to `MAX_TONE`.
 
     Args:
         ground: The stage's.
-        masks: (L, M, M) weights of the layers.
+        masks: (L, M, M) weights of the layers; T is at most M and `MAX_PX`.
         green: Whether each layer is of plants.
         strength: How strong the tone is.
         rng: Draws mottles, streaks and clumps.
     """
-    size = masks.shape[1]
+    size = min(masks.shape[1], MAX_PX)
     extent_m = ground.extent_m[2] - ground.extent_m[0]
     wet = _resize(moisture(ground).astype(np.float32), size)
     shortest_m, longest_m = MOTTLES_M
     mottles = band(size, extent_m / longest_m, extent_m / shortest_m, rng)
     change = np.float32(DAMP) * (wet - np.float32(0.5)) + np.float32(MOTTLED) * mottles
     change += _of_forms(relief_of(ground, RELIEF_PX), size, extent_m, rng)
-    plants = np.asarray(masks[np.array(green)].sum(axis=0), np.float32)
+    plants = _resize(np.asarray(masks[np.array(green)].sum(axis=0), np.float32), size)
     change *= 1 - np.float32(1 - OF_PLANTS) * plants
     ranges = strength.brightness + strength.tint * np.array((1, 0, -1))
     factor = np.asarray(1 + change[..., None] * (ranges / 2), np.float32)
@@ -121,7 +122,7 @@ def _of_forms(relief: Relief, size: int, extent_m: float, rng: np.random.Generat
 
 
 def _change_of_plants(dry: Field, clumps: Field, brightness: float) -> Image:
-    """Return the (M, M, 3) change of the colour of plants, 0 for none."""
+    """Return the (T, T, 3) change of the colour of plants, 0 for none."""
     tint = np.array(DRY_TINT, np.float32) * np.float32(brightness)
     darkness = np.float32(min(CLUMP_DARKNESS * brightness, MAX_DARKNESS))
     factor = (1 + dry[..., None] * tint) * (1 - darkness * clumps[..., None])
@@ -156,7 +157,7 @@ def _streaks(relief: Relief, extent_m: float, rng: np.random.Generator) -> Field
 
 
 def _clumps(wet: Field, extent_m: float, rng: np.random.Generator) -> Field:
-    """Return (M, M) from 0 beside clumps of plants to 1 in them."""
+    """Return (T, T) from 0 beside clumps of plants to 1 in them."""
     shortest_m, longest_m = CLUMPS_M
     noise = band(len(wet), extent_m / longest_m, extent_m / shortest_m, rng)
     wettest, driest = (np.float32(each) for each in CLUMPED)

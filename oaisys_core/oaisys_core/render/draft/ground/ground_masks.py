@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,7 @@ class GroundMasks:
         """Return the (N, L) weights at (N, 2) points."""
         if self._count == 1:
             return np.ones((len(xy_m), 1), np.float32)
-        x, y = self._place(xy_m)
+        x, y = self._place(xy_m, self._images[0])
         weights = self._look_up(self._images, x, y, cv2.BORDER_REFLECT)
         if self._land is None or not self._is_any_beyond(xy_m):
             return weights
@@ -47,14 +49,14 @@ class GroundMasks:
     def tone(self, xy_m: FloatArray) -> Floats:
         """Return the (N, 3) factors of the ground's tone at (N, 2) points."""
         assert self._tone is not None
-        x, y = (each.astype(np.float32) for each in self._place(xy_m))
+        x, y = (each.astype(np.float32) for each in self._place(xy_m, self._tone))
         share = sample(self._tone, x, y, cv2.BORDER_REPLICATE)
         return np.asarray(share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE))
 
-    def _place(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the columns and rows of (N, 2) points."""
+    def _place(self, xy_m: FloatArray, image: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
+        """Return the columns and rows of (N, 2) points in an image of the stage."""
         x0, y0, x1, y1 = self._extent_m
-        rows, columns = self._images[0].shape[:2]
+        rows, columns = image.shape[:2]
         x = (xy_m[:, 0] - x0) * (columns / (x1 - x0)) - 0.5
         return x, (xy_m[:, 1] - y0) * (rows / (y1 - y0)) - 0.5
 

@@ -183,8 +183,9 @@ class GroundAlbedo:
             mixed *= pixels[..., None] / np.float32(len(POINTS))
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
             is_known[rows] |= pixels
-        if self._material.tone is not None:
-            share = bilinear(self._material.tone, *self._mask_place(xy_m), cv2.BORDER_REPLICATE)
+        tone = self._material.tone
+        if tone is not None:
+            share = bilinear(tone, *self._place(xy_m, len(tone)), cv2.BORDER_REPLICATE)
             color *= share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE)
         if self._macro is not None:
             share = repeated(self._macro, xy_m / self._macro_period_m)
@@ -241,7 +242,7 @@ class GroundAlbedo:
         first = np.ones(xy_m.shape[:2], np.float32)
         weights: list[Image] = []
         if len(self._material.layers) > 1:
-            x, y = self._mask_place(xy_m)
+            x, y = self._place(xy_m, self._material.masks.shape[1])
             on_land = self._on_land(xy_m)
             for layer, mask in enumerate(self._material.masks[1:]):
                 weight = bilinear(mask, x, y, cv2.BORDER_REFLECT)
@@ -251,10 +252,9 @@ class GroundAlbedo:
                 first -= weight
         return [first, *weights]
 
-    def _mask_place(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return columns and rows of (H, W, 2) points in masks and tone."""
+    def _place(self, xy_m: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+        """Return columns and rows of (H, W, 2) points in an image of the stage of some size."""
         x0, y0, x1, y1 = self._material.extent_m
-        size = self._material.masks.shape[1]
         column = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
         return column, (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
 

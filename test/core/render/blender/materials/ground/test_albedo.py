@@ -79,7 +79,7 @@ def cases() -> dict[str, Scene]:
     stochastic = replace(layers[1], tiling=stochastic_tiling(2.0, rng))
     return {
         "layers": world(*layers, variation=colored),
-        "tone": world(*layers, tone=rng.integers(0, 256, (64, 64, 3), np.uint8)),
+        "tone": world(*layers, tone=rng.integers(0, 256, (32, 32, 3), np.uint8)),
         "haze": replace(world(*layers[:1]), sky=replace(SUNNY, haze=HAZY)),
         "gentle": world(layers[0], slope=0.3, projects_sides=True),
         "steep": world(layers[0], slope=2.0, projects_sides=True),
@@ -90,7 +90,7 @@ def cases() -> dict[str, Scene]:
                 *layers[:2],
                 variation=colored,
                 macro=MacroPattern(1.0, 3),
-                tone=rng.integers(0, 256, (64, 64, 3), np.uint8),
+                tone=rng.integers(0, 256, (32, 32, 3), np.uint8),
             )
         ),
         "spotted": world(spotted),
