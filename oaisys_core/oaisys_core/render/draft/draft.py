@@ -24,6 +24,7 @@ from oaisys_core.render.draft.appearance import (
     zeros,
 )
 from oaisys_core.render.draft.light.cloud_shade import shade_by_clouds
+from oaisys_core.render.draft.light.far_lift import FarLift
 from oaisys_core.render.draft.light.ground_nearby import light_around
 from oaisys_core.render.draft.light.reflection import Nearby, reflect, sun_w_m2
 from oaisys_core.render.draft.light.sun_light import LiftedPoints, SunLight
@@ -101,6 +102,7 @@ class DraftRenderer:
     def __init__(self, store: LevelStore | None = None) -> None:
         """Make nothing yet; ``store`` may share levels of textures with others."""
         self._parts = Parts(store or LevelStore())
+        self._far_lift = FarLift()
 
     def shade(self, surface: Surface, view: View, camera: PlacedCamera) -> Shaded:
         """Return the colours of a camera's pixels, whose rays go through their centres.
@@ -111,6 +113,9 @@ class DraftRenderer:
             camera: The camera.
         """
         self._parts.take_over(surface)
+        sky, far_ground = surface.scene.sky, surface.scene.far_ground
+        if sky.lamp_w_m2 and far_ground is not None:
+            self._far_lift.take_over(far_ground, sky.to_sun)
         height, width = view.depth_m.shape
         shape = (height, width)
         pixels = Pixels.empty(shape)
@@ -120,7 +125,6 @@ class DraftRenderer:
             self._look(surface, view.rows(rows), pixel_rad, pixels.rows(rows))
 
         surface.each_band(shape, look_at)
-        sky = surface.scene.sky
         sun_share = np.zeros(shape, np.float32)
         if sky.lamp_w_m2:
             starts = LiftedPoints.of(view.points_m, pixels.look.smooth, pixels.lift_m)
@@ -158,7 +162,7 @@ class DraftRenderer:
                 for into, values in zip(pixels.look, found, strict=True):
                     put(into, rows, values)
         if surface.scene.sky.lamp_w_m2:
-            self._prepare_shadows(surface.scene, view, pixels)
+            self._prepare_shadows(surface, view, pixels)
 
     def _ground_look(self, surface: Surface, view: View, footprint_m: Floats) -> Appearance:
         points_m = places_m(view.points_m[:, 0])
@@ -168,9 +172,9 @@ class DraftRenderer:
             found = found._replace(roughness=np.zeros_like(found.roughness))
         return found
 
-    @staticmethod
-    def _prepare_shadows(scene: Scene, view: View, pixels: Pixels) -> None:
+    def _prepare_shadows(self, surface: Surface, view: View, pixels: Pixels) -> None:
         """Write, into some rows of pixels, whether to cast rays to the sun, and from how high."""
+        scene = surface.scene
         to_sun, look = np.array(scene.sky.to_sun, np.float32), pixels.look
         is_leaf = look.through > 0
         facing = dot(look.smooth, to_sun)
@@ -184,6 +188,9 @@ class DraftRenderer:
         grazing = np.clip(1 - facing * np.float32(1 / GRAZING_COS), 0, 1)
         spacing_m = stage_ground(scene).spacing_m
         lift_m += view.is_ground.reshape(-1) * grazing * np.float32(GRAZING_LIFT * spacing_m)
+        far = np.flatnonzero(surface.is_far_ground(view))
+        if len(far):
+            lift_m[far] += self._far_lift.of(view.elements.reshape(-1)[far])
         # The sun may shine on the other side of leaves.
         np.negative(lift_m, where=is_leaf & (facing < 0), out=lift_m)
 

@@ -26,10 +26,10 @@ SIZE_PX, TEXELS = 512, 4
 FALL = 1.8
 """Exponent by which the pattern's amplitudes fall with frequency: crumbly ground."""
 
-MIN_STEEPNESS, MAX_STEEPNESS = 0.005, 0.03
+MIN_STEEPNESS, MAX_STEEPNESS = 0.005, 0.015
 """Bounds of the standard deviation of an octave over its wavelength: no ground is quite smooth."""
 
-EXPONENT = 0.8
+EXPONENT = 1.3
 """Exponent by which octaves shorter than the stage's grid have smaller deviations."""
 
 POINTS = 3.0
