@@ -13,6 +13,7 @@ from oaisys_core.config.sections.stage import (
     ReuseConfig,
     StageConfig,
     StageMeshConfig,
+    body_name,
 )
 from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
@@ -23,6 +24,7 @@ from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
+from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
 from oaisys_core.procedural.terrain.water import Water, WaterLook, level_from_share, water_on
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import merge
@@ -30,6 +32,15 @@ from oaisys_core.world.module import Metadata, Module, World, override
 from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 
 LOG = logging.getLogger(__name__)
+
+SHAPERS: dict[Shaper, tuple[str, ...]] = {
+    "impacts": ("craters", "crater_field"),
+    "wind": ("dunes", "slab_dunes"),
+}
+"""Presets whose land something else than water has shaped."""
+
+SHAPERS_OF_BODIES: dict[str, Shaper] = {"moon": "impacts", "mars": "wind"}
+"""Bodies whose land something else than water has shaped, whatever the preset."""
 
 
 class StageModule(Module):
@@ -110,6 +121,7 @@ class StageModule(Module):
             seed=_seed_of(rng),
             body_radius_m=config.body_radius_m,
             lowest_sun_rad=self._lowest_sun_rad,
+            shaped_by=_shaper(config),
         )
 
     def in_force(self, metadata: Metadata) -> Metadata:
@@ -200,6 +212,15 @@ def _check_body(imported: ImportedGround, config: StageConfig) -> None:
             radius_m,
             config.body,
         )
+
+
+def _shaper(config: StageConfig) -> Shaper:
+    """Return what shaped the land around a stage: as the preset, or as usual on the body."""
+    if config.dem is None and config.mesh is None:
+        for shaper, presets in SHAPERS.items():
+            if config.preset in presets:
+                return shaper
+    return SHAPERS_OF_BODIES.get(body_name(config.body) or "", "water")
 
 
 def _mesh_ground(config: StageMeshConfig) -> MeshGround:

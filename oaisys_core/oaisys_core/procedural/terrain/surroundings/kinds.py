@@ -8,6 +8,7 @@ from typing import Literal
 
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.land import land_around
+from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
 from oaisys_core.procedural.terrain.surroundings.plain import plain_around
 from oaisys_core.raycast.solids import flat_ground
 from oaisys_core.scene import Ground
@@ -35,12 +36,14 @@ class Surroundings:
         body_radius_m: Radius of the body whose curvature the land has.
         lowest_sun_rad: Lowest elevation of the sun, below which hills beyond the stage stay; None
             for no limit.
+        shaped_by: What made the land's forms.
     """
 
     kind: Literal["land", "plain"] = "plain"
     seed: int = 0
     body_radius_m: float = EARTH_RADIUS_M
     lowest_sun_rad: float | None = None
+    shaped_by: Shaper = "water"
 
     def is_land(self, stage: Ground) -> bool:
         """Return whether land surrounds a stage."""
@@ -51,7 +54,9 @@ class Surroundings:
         if before is not None and before.stage is stage:
             return before
         if self.is_land(stage):
-            return land_around(stage, self.seed, self.body_radius_m, self._highest_rad)
+            return land_around(
+                stage, self.seed, self.body_radius_m, self._highest_rad, self.shaped_by
+            )
         return plain_around(stage)
 
     @property

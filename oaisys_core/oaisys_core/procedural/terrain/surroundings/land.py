@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.procedural.terrain.noise import gradient_noise
 from oaisys_core.procedural.terrain.surroundings.border import Border, BorderContinuation, border_of
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.horizon import HorizonView
 from oaisys_core.procedural.terrain.surroundings.land_detail import LandReliefPattern
+from oaisys_core.procedural.terrain.surroundings.octaves import Shaper, octave_heights
 from oaisys_core.procedural.terrain.surroundings.rings import Ring, rings_around, triangles_between
 from oaisys_core.procedural.terrain.surroundings.spectrum import Octave, longer_octaves, own_octaves
 from oaisys_core.scene import Ground
@@ -33,21 +33,6 @@ LONGEST_WAVE_M = 40_000.0
 ONSET = 0.5
 """Distance from the stage's edge within which an octave sets in, in wavelengths."""
 
-NOISE_DEVIATION = 0.305
-"""Standard deviation of gradient noise."""
-
-CELLS = 0.75
-"""Edge of a cell of the noise in wavelengths of its strongest waves."""
-
-LATTICE = 64
-"""Period of the noise in cells: an octave is left out before it repeats along a line of sight."""
-
-TURN_RAD = 0.6
-"""Rotation of an octave's lattice against that of the octave before."""
-
-MIN_POINTS, ENOUGH_POINTS = 2.0, 4.0
-"""Points per wavelength up to which an octave is left out, and from which it is complete."""
-
 STEPS = 500
 """Steps of the border's heights in which its highest and its lowest point are looked for."""
 
@@ -60,7 +45,11 @@ stage has finer detail or is a mesh with another outline."""
 
 
 def land_around(
-    stage: Ground, seed: int, body_radius_m: float, highest_rad: float | None = None
+    stage: Ground,
+    seed: int,
+    body_radius_m: float,
+    highest_rad: float | None = None,
+    shaped_by: Shaper = "water",
 ) -> FarGroundMesh:
     """Return the land around a stage.
 
@@ -70,6 +59,7 @@ def land_around(
         body_radius_m: Radius of the body whose surface it is.
         highest_rad: Elevation above which no hill may rise, as seen from the stage: forms that are
             longer than the stage become lower. None: they are as high as they are.
+        shaped_by: What made its forms.
     """
     border = border_of(stage)
     rings = rings_around(border, sqrt(2 * body_radius_m * HIGHEST_VIEW_M))
@@ -82,16 +72,14 @@ def land_around(
 
     def heights_of(octaves: list[Octave]) -> FloatArray:
         rngs = _streams(border, seed, len(octaves))
-        raised_m = height_m + relief(xy_m, distance_m, spacing_m, octaves, rngs)
+        raised_m = height_m + relief(xy_m, distance_m, spacing_m, octaves, rngs, shaped_by)
         return raised_m - curvature_drop_m(distance_m, body_radius_m)
 
     if highest_rad is not None:
         view = HorizonView(stage, xy_m)
-        share = _share_below(highest_rad, view, heights_of(own), heights_of(octaves))
-        longer = [
-            each._replace(deviation_m=share * each.deviation_m) for each in octaves[len(own) :]
-        ]
-        octaves = [*own, *longer]
+        least = [*own, *(each._replace(share=0.0) for each in octaves[len(own) :])]
+        share = _share_below(highest_rad, view, heights_of(least), heights_of(octaves))
+        octaves = [*own, *(each._replace(share=share) for each in octaves[len(own) :])]
     height_m = heights_of(octaves)
     vertices_m = np.column_stack((xy_m, height_m)).astype(np.float32)
     triangles = triangles_between(rings)
@@ -103,7 +91,7 @@ def land_around(
         inner_share=1.0 - 1e-6,
         level_m=None,
         cast_triangles=len(triangles) + len(wall_triangles),
-        detail=LandReliefPattern(tuple(octaves), seed),
+        detail=LandReliefPattern(tuple(octaves), seed, shaped_by),
     )
 
 
@@ -138,23 +126,21 @@ def relief(
     spacing_m: FloatArray,
     octaves: list[Octave],
     rngs: list[np.random.Generator],
+    shaped_by: Shaper = "water",
 ) -> FloatArray:
-    """Return (N,) heights of noise with a spectrum.
+    """Return (N,) heights of a relief with a spectrum.
 
     Args:
         xy_m: (N, 2) points.
         distance_m: (N,) their distances from the stage, by which the octaves set in.
         spacing_m: (N,) distances between points there, by which short octaves are left out.
         octaves: The spectrum.
-        rngs: Draw the noise of each octave.
+        rngs: Draw each octave.
+        shaped_by: What made its forms.
     """
     total_m = np.zeros(len(xy_m))
-    for index, octave in enumerate(octaves):
-        weight = _step(distance_m / (ONSET * octave.wavelength_m))
-        weight *= _resolvable_share(octave, spacing_m)
-        here = np.flatnonzero(weight > 0)
-        if len(here) and octave.deviation_m:
-            total_m[here] += weight[here] * _octave_heights(xy_m[here], octave, index, rngs[index])
+    for octave, here, height_m in octave_heights(xy_m, spacing_m, octaves, rngs, shaped_by):
+        total_m[here] += _step(distance_m[here] / (ONSET * octave.wavelength_m)) * height_m
     return total_m
 
 
@@ -175,31 +161,13 @@ def endless_relief(
         return
     octaves = list(land.detail.octaves)
     rngs = _streams(border_of(land.stage), land.detail.seed, len(octaves))
-    for index, octave in enumerate(octaves):
-        weight = _resolvable_share(octave, spacing_m)
-        rows = np.flatnonzero(weight > 0)
-        if len(rows) and octave.deviation_m:
-            height_m = np.zeros(xy_m.shape[:2])
-            noise_m = _octave_heights(xy_m[rows].reshape(-1, 2), octave, index, rngs[index])
-            height_m[rows] = weight[rows, None] * noise_m.reshape(len(rows), -1)
-            yield octave.wavelength_m, height_m
-
-
-def _resolvable_share(octave: Octave, spacing_m: FloatArray) -> FloatArray:
-    """Return (N,) shares of an octave that points at some distances from each other can have."""
-    points = octave.wavelength_m / spacing_m
-    return _step((points - MIN_POINTS) / (ENOUGH_POINTS - MIN_POINTS))
-
-
-def _octave_heights(
-    xy_m: FloatArray, octave: Octave, index: int, rng: np.random.Generator
-) -> FloatArray:
-    """Return (N,) heights of the octave with a place in the spectrum at (N, 2) points."""
-    turn = TURN_RAD * index
-    axes = np.array(((np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))))
-    x, y = (xy_m @ axes).T / (CELLS * octave.wavelength_m)
-    noise = gradient_noise(x, y, rng, LATTICE).astype(np.float64)
-    return noise * (octave.deviation_m / NOISE_DEVIATION)
+    points_m, shape = xy_m.reshape(-1, 2), xy_m.shape[:2]
+    apart_m = np.repeat(spacing_m, shape[1])
+    shaped_by = land.detail.shaped_by
+    for octave, here, height_m in octave_heights(points_m, apart_m, octaves, rngs, shaped_by):
+        whole_m = np.zeros(len(points_m))
+        whole_m[here] = height_m
+        yield octave.wavelength_m, whole_m.reshape(shape)
 
 
 def _continue(border: Border, rings: list[Ring]) -> FloatArray:

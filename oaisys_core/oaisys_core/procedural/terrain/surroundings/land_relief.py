@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from oaisys_core.procedural.terrain.masks.relief import RELIEF_PX, Relief, relief_of
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
-from oaisys_core.procedural.terrain.surroundings.land import ENOUGH_POINTS, endless_relief
+from oaisys_core.procedural.terrain.surroundings.land import endless_relief
+from oaisys_core.procedural.terrain.surroundings.octaves import ENOUGH_POINTS
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray
 

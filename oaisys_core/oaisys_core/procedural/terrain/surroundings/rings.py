@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from oaisys_core.procedural.terrain.surroundings.border import Border
 from oaisys_core.types import FloatArray
 
-SPACING_SHARE = 0.03
+SPACING_SHARE = 0.025
 """Spacing of points along a ring, as a share of the distance from the stage's edge: half a degree
 to 2 degrees for a camera on the stage."""
 
-STRETCH = 2.5
+STRETCH = 2.2
 """Distance between rings in units of the spacing along them: land is seen at a slant."""
 
 NEAR_SHARE = 0.15

@@ -39,10 +39,12 @@ class Octave(NamedTuple):
     Attributes:
         wavelength_m: The wavelength in its middle.
         deviation_m: Standard deviation of its heights.
+        share: Share of these heights that a land has, which a low sun is to reach.
     """
 
     wavelength_m: float
     deviation_m: float
+    share: float = 1.0
 
 
 def own_octaves(stage: Ground) -> list[Octave]:
@@ -118,7 +120,7 @@ def longer_octaves(own: list[Octave], longest_m: float) -> list[Octave]:
 
 def _exponent(octaves: list[Octave]) -> float:
     """Return the fitted exponent by which amplitudes grow with the wavelength."""
-    waves, deviations = np.log(np.maximum(np.array(octaves), 1e-9)).T
+    waves, deviations = np.log(np.maximum(np.array(octaves)[:, :2], 1e-9)).T
     offset = waves - waves.mean()
     fitted = offset @ deviations / max(offset @ offset, 1e-12)
     return float(np.clip(fitted, MIN_EXPONENT, MAX_EXPONENT))

@@ -1,0 +1,171 @@
+"""Noise with the forms that water and impacts leave: ridges with gullies between them, and craters.
+
+Like gradient noise, its values at a point depend on a few cells of a lattice alone, so that a
+ground can have it at any resolution, and land as far as it reaches. Sums, products, quotients and
+roots only: it has the same bits everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.procedural.terrain.noise import Field
+from oaisys_core.procedural.terrain.processes.impacts import DEPTH, RIM
+from oaisys_core.types import FloatArray
+
+LATTICE = 64
+"""Period of the lattices in cells."""
+
+JITTER = 0.35
+"""Farthest shift of a point from its cell's middle, along an axis."""
+
+REACH = 1.15
+"""Distance in cells up to which a point counts: those of the cells around are always within it."""
+
+WAVES = 0.75
+"""Ridges in a cell."""
+
+MEAN_FORM, FORM_DEVIATION = -0.18, 0.616
+"""Mean and standard deviation of the profiles of ridges, as measured."""
+
+CLEAR = 0.2
+"""Share of the waves' weights that their sum must reach for forms of full height."""
+
+RADII = (0.16, 0.46)
+"""Radii of the craters of a lattice, in cells."""
+
+EJECTA = 1.5
+"""Extent of their ejecta in radii."""
+
+BLOCK = 1 << 14
+"""Points that are processed at once, so that they stay in the processor's cache."""
+
+CRATER_DEVIATION = 0.0126
+"""Standard deviation of the heights of a lattice of craters of true depth, in cells; measured."""
+
+
+class Forms(NamedTuple):
+    """Heights at N points.
+
+    Attributes:
+        height: (N,) with a standard deviation of about 1 on slopes in all directions.
+        slope: (N, 2) their slopes along x and y, per cell.
+    """
+
+    height: FloatArray
+    slope: FloatArray
+
+
+def ridges(
+    xy: FloatArray, downhill: FloatArray, rng: np.random.Generator, period: int = LATTICE
+) -> Forms:
+    """Return ridges and gullies that run down a slope: sharp crests above rounded beds.
+
+    Each point of a lattice carries a wave across the slope, and they are summed by their distances
+    (sparse convolution: Lagae et al., "Procedural noise using sparse Gabor convolution", ACM TOG
+    28(3), 2009). Where slopes turn, ridges join. On the sum of a slope and its ridges, ridges of a
+    finer lattice branch off, as gullies do.
+
+    Args:
+        xy: (N, 2) points in cells of the lattice.
+        downhill: (N, 2) directions of the slope, of any length; its sign does not matter.
+        rng: Draws the points.
+        period: Size of the lattice in cells, after which it repeats.
+    """
+    points = _draw_points(rng, period)
+    steepness = np.sqrt((downhill * downhill).sum(axis=1))
+    across = np.stack((-downhill[:, 1], downhill[:, 0]), axis=1)
+    across /= np.maximum(steepness, 1e-12)[:, None]
+    crest, side = np.empty((2, len(xy)), np.float32)
+    for block in _blocks(len(xy)):
+        crest[block], side[block] = _sum_waves(xy[block], across[block], points)
+    # With the phase p: 1 - 2 |sin(p / 2)|, a crest where p is 0.
+    half_sine = np.sqrt(np.maximum(0.5 * (1.0 - crest), 0.0)).astype(np.float64)
+    height = (1.0 - 2.0 * half_sine - MEAN_FORM) / FORM_DEVIATION
+    # Of a cosine, which has no slope on crests either: gullies fade towards them.
+    fall = -side * (2 * np.pi * WAVES / FORM_DEVIATION)
+    return Forms(height, fall[:, None] * across)
+
+
+def craters(xy: FloatArray, rng: np.random.Generator, period: int = LATTICE) -> FloatArray:
+    """Return (N,) heights of craters of all ages, one in each cell, with a deviation of about 1.
+
+    Args:
+        xy: (N, 2) points in cells of the lattice.
+        rng: Draws places, radii and ages.
+        period: Size of the lattice in cells, after which it repeats.
+    """
+    points = _draw_points(rng, period)
+    least, most = RADII
+    sizes, ages = rng.random((2, period * period), np.float32)
+    # Small craters are more frequent than large ones.
+    radii = least + (most - least) * sizes * sizes * sizes
+    fresh = 0.15 + 0.85 * ages * ages
+    total = np.zeros(len(xy))
+    for block in _blocks(len(xy)):
+        for offset_x, offset_y, cell in _neighbours(xy[block], points):
+            r = np.sqrt(offset_x * offset_x + offset_y * offset_y) / radii[cell]
+            bowl = 2 * (RIM - DEPTH * fresh[cell] * (1.0 - r * r))
+            fading = np.clip((1.0 + EJECTA - r) / EJECTA, 0.0, 1.0)
+            blanket = 2 * RIM * fading * fading * fading
+            total[block] += radii[cell] * np.where(r < 1.0, np.minimum(bowl, blanket), blanket)
+    return total / CRATER_DEVIATION
+
+
+def _draw_points(rng: np.random.Generator, period: int) -> Field:
+    """Return (period, period, 2) places of the points in their cells."""
+    drawn = rng.uniform(-1.0, 1.0, (period, period, 2))
+    return np.asarray(0.5 + JITTER * drawn, np.float32)
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    return (slice(first, first + BLOCK) for first in range(0, count, BLOCK))
+
+
+def _neighbours(xy: FloatArray, points: Field) -> Iterator[tuple[Field, Field, NDArray[np.intp]]]:
+    """Yield offsets in x and y of places from the points of the nine cells around, and these cells.
+
+    All are (N,), and cells are counted row by row.
+    """
+    period = len(points)
+    low = np.floor(xy)
+    x, y = (xy - low).astype(np.float32).T.copy()
+    column, row = low.astype(np.intp).T % period
+    places = points.reshape(-1, 2).T.copy()
+    for north in (-1, 0, 1):
+        rows = (row + north) % period * period
+        for east in (-1, 0, 1):
+            cell = rows + (column + east) % period
+            from_x = x - np.float32(east) - places[0][cell]
+            from_y = y - np.float32(north) - places[1][cell]
+            yield from_x, from_y, cell
+
+
+def _sum_waves(xy: FloatArray, across: FloatArray, points: Field) -> tuple[Field, Field]:
+    """Return the (N,) cosine and sine of the phase of the waves around each place.
+
+    Both are smaller where waves cancel each other.
+    """
+    crest, side, weights = np.zeros((3, len(xy)), np.float32)
+    along_x, along_y = (WAVES * across).astype(np.float32).T.copy()
+    for offset_x, offset_y, _ in _neighbours(xy, points):
+        squared = offset_x * offset_x + offset_y * offset_y
+        weight = np.maximum(np.float32(1) - squared * np.float32(1 / REACH**2), np.float32(0))
+        weight *= weight
+        turns = offset_x * along_x + offset_y * along_y
+        crest += weight * _cosine(turns)
+        side += weight * _cosine(turns - np.float32(0.25))
+        weights += weight
+    length = np.sqrt(crest * crest + side * side)
+    length = np.maximum(length, np.float32(CLEAR) * weights + np.float32(1e-12))
+    return crest / length, side / length
+
+
+def _cosine(turns: Field) -> Field:
+    """Return about the cosine of angles in turns, from parabolas."""
+    share = np.float32(2) * np.abs(turns - np.rint(turns))
+    return np.asarray(np.float32(1) - share * share * (np.float32(6) - np.float32(4) * share))
