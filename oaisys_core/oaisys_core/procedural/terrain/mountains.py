@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from oaisys_core.procedural.terrain.bedrock import LARGEST_BLOCK_M, break_rock
 from oaisys_core.procedural.terrain.erosion import slides, streams
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
@@ -27,6 +28,9 @@ from oaisys_core.types import FloatArray
 ERODED_PX = 257
 """Grid size for erosion at any resolution, so that a seed always gives the same landscape."""
 
+BLOCK = 0.17
+"""Spacing of joints in the height of a mountain."""
+
 
 def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """One steep hill in the middle, with ridges and gullies down its flanks."""
@@ -40,7 +44,9 @@ def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     cone = np.exp(-np.power(radius / 0.45, 1.5)).astype(np.float32)
     ridges = fractal(wx, wy, rng, octaves=6, kind="ridged", gain=0.42)
     hill = cone * (0.62 + 0.5 * ridges) + 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    return subtract_median(scale_to_relief(hill, height_m) + spec.roughness * unevenness(spec, rng))
+    rock_m = _with_joints(spec, scale_to_relief(hill, height_m), height_m, rng)
+    large_m = scale_to_relief(rock_m, height_m)
+    return subtract_median(large_m + 0.6 * spec.roughness * unevenness(spec, rng))
 
 
 def mountain_2(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -116,7 +122,17 @@ def _finish(
     crags = fractal(x, y, rng, octaves=4, kind="ridged", gain=0.5)
     bare = np.clip(large_m / max(height_m, 1e-9) * 1.6 - 0.25, 0, 1)
     rocky_m = 0.06 * height_m * bare * (crags - 0.45)
-    return subtract_median(large_m + rocky_m + spec.roughness * unevenness(spec, rng))
+    rock_m = _with_joints(spec, large_m + rocky_m, height_m, rng)
+    return subtract_median(rock_m + 0.6 * spec.roughness * unevenness(spec, rng))
+
+
+def _with_joints(
+    spec: GroundSpec, large_m: Elevation, height_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return a mountain whose steep rock is broken into blocks."""
+    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    block_m = min(BLOCK * height_m, LARGEST_BLOCK_M)
+    return break_rock(large_m.astype(np.float64), spacing_m, block_m, rng)
 
 
 def _softly_above(height_m: FloatArray, floor_m: float, soft_m: float) -> FloatArray:

@@ -58,10 +58,10 @@ def make_ground(
     check_preset(preset)
     spec = GroundSpec(extent_m, resolution_px, roughness, relief_m)
     maker = PRESETS.get(preset) or extensions.load(extensions.STAGES, preset)
-    if preset in SHAPED:
-        if relief_m is not None:
-            # Processes divide by the relief.
-            spec = replace(spec, relief_m=max(relief_m, LEAST_RELIEF * extent_m))
+    if preset in SHAPED and relief_m is not None:
+        # Processes divide by the relief.
+        spec = replace(spec, relief_m=max(relief_m, LEAST_RELIEF * extent_m))
+    if preset in SHAPED or preset in ROCKY:
         elevation_m = make_once(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
     else:
         elevation_m = np.asarray(maker(spec, rng), np.float32)
@@ -110,16 +110,21 @@ SHAPED: dict[str, Preset] = {
 }
 """Presets made by processes, which take seconds and are kept on disk."""
 
-PRESETS: dict[str, Preset] = {
-    "another_noise": another_noise,
+ROCKY: dict[str, Preset] = {
     "canyon": canyon,
-    "craters": craters,
-    "dunes": dunes,
     "large_terrain": large_terrain,
     "mesa": mesa,
-    "mounds": mounds,
     "mountain_1": mountain_1,
     "mountain_2": mountain_2,
+}
+"""Presets of noise whose rock is broken along joints, which are kept on disk, too."""
+
+PRESETS: dict[str, Preset] = {
+    "another_noise": another_noise,
+    "craters": craters,
+    "dunes": dunes,
+    "mounds": mounds,
     "plane": plane,
+    **ROCKY,
     **SHAPED,
 }

@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from oaisys_core.procedural.terrain.bedrock import bend_to_joints, lay_talus
 from oaisys_core.procedural.terrain.craters import DEPTH_SHARE, crater_field
 from oaisys_core.procedural.terrain.erosion import REPOSE_DEG, slides
 from oaisys_core.procedural.terrain.landform import (
@@ -36,6 +38,9 @@ RIPPLE_HEIGHT_M = 0.012
 CLIFF_CELLS = 1.0
 """Standard deviation in cells of the smoothing of cliffs, which stay as steep as 83 degrees."""
 
+
+JOINTS = 0.3
+"""Spacing of the joints that the walls of a mesa follow, in its height."""
 
 LARGEST_CRATER, MIN_LARGEST_CRATER, MAX_LARGEST_CRATER = 0.33, 1 / 400, 0.9
 """Diameter of the largest crater in edges of the stage: usually, below which there are none, and at
@@ -83,13 +88,16 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     wx, wy = warp(x, y, rng, strength=0.3, octaves=2)
     shape = fractal(wx, wy, rng, octaves=4, gain=0.42)
     flutes = fractal(9 * x, 9 * y, rng, octaves=2, kind="billow")
-    inside = _equalise(shape) + 0.035 * (flutes - 0.3)
+    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    inside = bend_to_joints(_equalise(shape), spacing_m, JOINTS * height_m, rng)
+    inside = inside + 0.035 * (flutes - 0.3)
     # The profile: cumulative shares of the ground, and heights.
     at = (0.0, 0.52, 0.60, 0.612, 0.650, 0.660, 0.700, 0.708, 1.0)
     up = (0.0, 0.030, 0.20, 0.46, 0.56, 0.76, 0.82, 0.975, 1.0)
     outline = np.interp(inside, at, up)
     rolling = 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    large_m = np.float32(height_m) * _round(outline + rolling)
+    large_m = (np.float32(height_m) * _round(outline + rolling)).astype(np.float64)
+    large_m = lay_talus(large_m, spacing_m, 0.65 * height_m, rng)
     return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
@@ -106,7 +114,9 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     upward = off_axis - 0.34 * side**2 * np.clip(off_axis, 0, 1) + 0.016 * flutes
     outline = np.interp(upward, *_strata(rng))
     rolling = 0.03 * fractal(5 * u, 5 * v, rng, octaves=3)
-    large_m = np.float32(depth_m) * _round(outline + rolling)
+    large_m = (np.float32(depth_m) * _round(outline + rolling)).astype(np.float64)
+    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    large_m = lay_talus(large_m, spacing_m, 0.2 * depth_m, rng)
     return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
@@ -116,9 +126,8 @@ def _round(outline: FloatArray) -> NDArray[np.float32]:
     Within a single cell, a cliff follows the grid in steps: its triangles face to and fro, and in
     sunlight along the wall every other one is black.
     """
-    import cv2
-
-    rounded = cv2.GaussianBlur(outline.astype(np.float32), (0, 0), CLIFF_CELLS)
+    # SciPy's filter has the same bits in all versions; OpenCV's has not.
+    rounded = scipy.ndimage.gaussian_filter(outline.astype(np.float64), CLIFF_CELLS, mode="mirror")
     return np.asarray(rounded, np.float32)
 
 

@@ -25,8 +25,12 @@ FOLDER = "grounds"
 CODE = (
     "procedural/terrain/landscapes",
     "procedural/terrain/processes",
-    "procedural/terrain/noise.py",
+    "procedural/terrain/bedrock.py",
+    "procedural/terrain/erosion.py",
     "procedural/terrain/landform.py",
+    "procedural/terrain/mountains.py",
+    "procedural/terrain/noise.py",
+    "procedural/terrain/sculpted.py",
     "randomness.py",
 )
 """Files and folders of the package with the code that makes them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from oaisys_core.procedural.terrain.bedrock import lay_talus
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
@@ -22,7 +23,7 @@ from oaisys_core.procedural.terrain.processes.river import (
     even,
     wander,
 )
-from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide
+from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide, wear_back
 from oaisys_core.types import FloatArray
 
 WIDTH = 0.12
@@ -37,7 +38,16 @@ GRADIENT = 0.004
 BANK_DEG, SLUMPED_DEG = 52.0, 30.0
 """Slopes of firm banks, and of those that have fallen."""
 
-SLIDES = 30
+SLIDES = 8
+
+RAGGED = ((7.0, 0.22), (30.0, 0.14))
+"""Waves across the ground, and amplitudes in half the river's width, by which its banks bend."""
+
+MOST_CELLS = 48
+"""Cells from its foot up to which a bank wears back, at most."""
+
+FOOT = 0.8
+"""Height of the walls below which debris lies, in the relief."""
 
 
 def river_bed(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -49,7 +59,10 @@ def river_bed(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     axis = domain.axis(domain.finest_px) * domain.extent_m
     along_m = axis[None, :] * east + axis[:, None] * north
     across_m = axis[:, None] * east - axis[None, :] * north
-    ragged = 0.10 * domain.noise(30.0, rng, octaves=4)
+    ragged = sum(
+        (height * domain.noise(waves, rng, octaves=4) for waves, height in RAGGED),
+        np.zeros((domain.finest_px, domain.finest_px)),
+    )
     z = relief_m * (0.75 + 0.12 * domain.noise(5.0, rng, octaves=5))
     far = np.clip(np.abs(across_m) / (0.5 * domain.extent_m) - 0.3, 0.0, None)
     z = z + relief_m * 2.2 * far**2 * (1.0 + 0.6 * domain.noise(3.0, rng, octaves=4))
@@ -104,6 +117,10 @@ def _weather(
     z = z + 0.02 * relief_m * fractal(x, y, rng, octaves=4, gain=0.6)
     firmness = np.clip(0.5 + 1.2 * domain.noise(12.0, rng, octaves=4), 0.0, 1.0)
     slumped, firm = tangent(SLUMPED_DEG), tangent(BANK_DEG)
+    reach = min(int(np.ceil(relief_m / (slumped * spacing_m))), MOST_CELLS)
+    gentle_m, steep_m = (wear_back(z, spacing_m, slope, reach) for slope in (slumped, firm))
+    z = gentle_m + (steep_m - gentle_m) * firmness
+    z = lay_talus(z, spacing_m, FOOT * relief_m, rng)
     z = slide(z, spacing_m, slumped + (firm - slumped) * firmness, SLIDES)
     gullies = Erosion(age=0.002, deposition=0.8, repose_deg=BANK_DEG)
     z = erode(z, spacing_m, gullies, rng, steps=3).elevation_m

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from oaisys_core.procedural.terrain.processes.flow import pair
 from oaisys_core.types import FloatArray
@@ -73,4 +74,25 @@ def slide(
             change[low] += moved_m
             change[high] -= moved_m
         z += change
+    return z
+
+
+def wear_back(elevation_m: FloatArray, spacing_m: float, slope: float, reach: int) -> FloatArray:
+    """Return the highest ground that is nowhere above this one, and nowhere steeper than a slope.
+
+    It is what is left of a wall when what falls from it is carried away. Distances are those on
+    octagons, within 4 % of circles.
+
+    Args:
+        elevation_m: (rows, cols) heights.
+        spacing_m: Distance between cells.
+        slope: Tangent of the steepest slope.
+        reach: Cells from its foot up to which a wall wears back.
+    """
+    z = elevation_m.astype(np.float64)
+    square, cross = np.ones((3, 3), bool), scipy.ndimage.generate_binary_structure(2, 1)
+    for turn in range(reach):
+        shape, length = (square, 1.25) if turn % 2 else (cross, 1.0)
+        least_m = scipy.ndimage.grey_erosion(z, footprint=shape, mode="nearest")
+        z = np.minimum(z, least_m + length * slope * spacing_m)
     return z

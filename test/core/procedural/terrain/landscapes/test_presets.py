@@ -13,18 +13,22 @@ from tools.gallery.geomorphometry import concavity, crater_exponents, measure
 DIGESTS = {
     "alpine": "25fb569769b072d9",
     "badlands": "d30d5b46b6b8f9ab",
+    "canyon": "f3c318e4db2f33bf",
     "crater_field": "e80f6146d4707292",
-    "river_bed": "9f232a7c43f43d15",
+    "mesa": "0114458225cc79e6",
+    "mountain_1": "baee871f58b884d5",
+    "river_bed": "3d9904567413ee10",
     "slab_dunes": "feab3fa7ee1e6661",
     "volcanic_field": "962bbb3d1d76c956",
 }
-"""Of grounds of 97 points, on both Pythons."""
+"""Of grounds of 97 points, on both Pythons; all that processes made are here."""
 
 
-@pytest.mark.parametrize("preset", sorted(SHAPED))
+@pytest.mark.parametrize("preset", sorted(DIGESTS))
 def test_a_preset_has_the_same_bytes_on_each_run_and_python(
     preset: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert SHAPED.keys() <= DIGESTS.keys()
     monkeypatch.setenv("OAISYS_CACHE_MB", "0")
     ground = make_ground(preset, 100.0, 97, np.random.default_rng(3))
     assert ground.elevation_m.shape == (97, 97)

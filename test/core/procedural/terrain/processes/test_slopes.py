@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide
+from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide, wear_back
 
 
 def test_a_step_creeps_into_an_error_function() -> None:
@@ -42,3 +42,15 @@ def test_hard_rock_stands_where_loose_ground_slides() -> None:
     hard = slide(z, 1.0, np.tan(np.radians(85.0)), 300)
     assert np.abs(np.diff(loose[4])).max() < 0.75
     assert np.abs(np.diff(hard[4])).max() > 5.0
+
+
+def test_a_wall_wears_back_to_a_slope_that_starts_at_its_foot() -> None:
+    wall = np.zeros((61, 61))
+    wall[:, 30:] = 3.0
+    worn = wear_back(wall, 0.5, 0.6, reach=20)
+    assert (worn <= wall).all()
+    np.testing.assert_array_equal(worn[:, :30], 0.0)
+    expected = np.tile(0.3 * np.arange(1, 11), (51, 1))
+    np.testing.assert_allclose(worn[5:-5, 30:40], expected, atol=0.4)
+    np.testing.assert_array_equal(worn[:, 45:], 3.0)
+    assert np.diff(worn, axis=1).max() <= 0.6 * 0.5 * 1.25 + 1e-9

@@ -1,0 +1,213 @@
+"""Bedrock between a decimetre and some metres: blocks between joints, and ledges along beds.
+
+Rock breaks along joints, sets of nearly parallel planes, and along its beds. Where it is bare, its
+surface is made of the faces of blocks: each lies as high as the ground at its middle, and its top
+dips as the beds do. Blocks of several sizes lie in each other. Sums, products, quotients and roots
+only: it has the same bits everywhere.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from oaisys_core import randomness
+from oaisys_core.procedural.terrain.noise import fractal, grid
+from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
+from oaisys_core.types import FloatArray
+
+LARGEST_BLOCK_M = 4.0
+"""Spacing of joints, at most, whatever the size of a landform."""
+
+SIZES = (1.0, 0.45, 0.2)
+"""Spacing of joints of each size, in those of the largest."""
+
+LEAST_CELLS = 4.0
+"""Grid cells across the smallest blocks."""
+
+BEND, BEND_BLOCKS = 0.35, 5.0
+"""By how much joints bend, and the wavelength of it, in blocks."""
+
+BARE_DEG = (28.0, 46.0)
+"""Slopes from which on rock is bare here and there, and everywhere."""
+
+WALL_DEG, TALUS_DEG = 58.0, 34.0
+"""Slope from which on debris falls from a wall, and at which it comes to rest."""
+
+MOST_COVERED = 0.62
+"""Largest share of a wall's height that debris covers."""
+
+TALUS_CELLS = 12
+"""Cells of the grid for debris in the height of a wall."""
+
+TO_JOINTS = 0.25
+"""Part by which walls leave their smooth lines for those of joints."""
+
+LEDGES = 0.36
+"""Part of the rise of a slope that the faces between blocks of a size take up."""
+
+UNEVEN, TILT = 0.1, 0.14
+"""Largest shift of a block up or down, in its size, and its largest tilt along an axis: some have
+fallen, some stand out."""
+
+WORN_CELLS = 0.6
+"""Standard deviation, in cells, of the rounding of edges, without which faces follow the grid."""
+
+
+def break_rock(
+    elevation_m: FloatArray, spacing_m: float, block_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (rows, cols) heights of a ground whose steep parts are rock broken along joints.
+
+    Args:
+        elevation_m: (rows, cols) heights, of a square ground.
+        spacing_m: Distance between cells.
+        block_m: Spacing of the joints between the largest blocks.
+        rng: Draws joints and blocks.
+    """
+    z = elevation_m.astype(np.float64)
+    if block_m < LEAST_CELLS * spacing_m:
+        return z
+    bare = bareness(z, spacing_m, block_m, randomness.child(rng, "bare"))
+    for index, size in enumerate(SIZES):
+        edge_m = size * block_m
+        if edge_m >= LEAST_CELLS * spacing_m:
+            drawn = randomness.child(rng, f"joints/{index}")
+            z = _stepped(z, spacing_m, edge_m, bare, drawn)
+    worn = scipy.ndimage.gaussian_filter(z, WORN_CELLS, mode="nearest", truncate=3.0)
+    return np.asarray(z + bare * (worn - z))
+
+
+def bend_to_joints(
+    field: FloatArray, spacing_m: float, block_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (rows, cols) a field whose lines of equal values keep closer to joints.
+
+    Walls that follow such a line have faces, corners and columns.
+
+    Args:
+        field: (rows, cols) values, of a square ground.
+        spacing_m: Distance between cells.
+        block_m: Spacing of the joints.
+        rng: Draws them.
+    """
+    if block_m < LEAST_CELLS * spacing_m:
+        return field
+    blocks, count = _blocks(field.shape, spacing_m, block_m, randomness.child(rng, "walls"))
+    label = blocks.ravel()
+    cells = np.maximum(np.bincount(label, minlength=count), 1)
+    means = np.bincount(label, field.ravel(), count) / cells
+    return np.asarray(field + TO_JOINTS * (means[blocks] - field))
+
+
+def bareness(
+    z: FloatArray, spacing_m: float, patch_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (rows, cols) from 0, soil or debris, to 1, bare rock: steep ground, in patches."""
+    size_px, extent_m = len(z), spacing_m * (len(z) - 1)
+    smooth_m = scipy.ndimage.gaussian_filter(z, 0.25 * patch_m / spacing_m, mode="nearest")
+    up = np.gradient(smooth_m, spacing_m)
+    slope = np.sqrt(up[0] ** 2 + up[1] ** 2)
+    x, y = grid(extent_m, size_px, 3.0 * patch_m)
+    patches = fractal(x, y, rng, octaves=4, gain=0.6).astype(np.float64)
+    least, most = (tangent(angle) for angle in BARE_DEG)
+    share = (slope - least) / (most - least) + 0.9 * patches
+    share = np.clip(share, 0.0, 1.0)
+    return np.asarray(share * share * (3.0 - 2.0 * share))
+
+
+def _blocks(
+    shape: tuple[int, ...], spacing_m: float, edge_m: float, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], int]:
+    """Return the (rows, cols) number of the block of each cell, and how many blocks there are."""
+    size_px, extent_m = shape[0], spacing_m * (shape[0] - 1)
+    x, y = grid(extent_m, size_px, 1.0)
+    u, v = grid(extent_m, size_px, BEND_BLOCKS * edge_m)
+    bends = [BEND * fractal(u, v, rng, octaves=2).astype(np.float64) for _ in range(2)]
+    east, north = draw_direction(rng)
+    # The second set stands oblique to the first one, and its joints are closer.
+    along = (x * east + y * north) / edge_m + bends[0]
+    across = (y * (east - 0.3 * north) - x * (north + 0.3 * east)) / (0.7 * edge_m) + bends[1]
+    row = np.floor(along)
+    row = (row - row.min()).astype(np.intp)
+    # Joints of the second set end at those of the first.
+    column = np.floor(across + rng.random(int(row.max()) + 1)[row])
+    column = (column - column.min()).astype(np.intp)
+    wide = int(column.max()) + 1
+    return row * wide + column, (int(row.max()) + 1) * wide
+
+
+def _stepped(
+    z: FloatArray, spacing_m: float, edge_m: float, bare: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Return the ground with blocks of a size that lie flatter than the slope, with faces between.
+
+    A block is bare as a whole, or not at all.
+    """
+    blocks, count = _blocks(z.shape, spacing_m, edge_m, rng)
+    shifts = rng.uniform(-1.0, 1.0, (count, 3)) * (UNEVEN * edge_m, TILT, TILT)
+    label = blocks.ravel()
+    cells = np.maximum(np.bincount(label, minlength=count), 1)
+    rows, cols = np.indices(z.shape, np.float64)
+    mean_m, mean_col, mean_row, mean_bare = (
+        np.bincount(label, each.ravel(), count) / cells for each in (z, cols, rows, bare)
+    )
+    stands_out = np.clip(3.0 * mean_bare - 0.5, 0.0, 1.0)
+    # Of each block, the plane: its height at the origin, and what the ground counts in it.
+    rise = spacing_m * stands_out[:, None] * shifts[:, 1:]
+    level_m = stands_out * (LEDGES * mean_m + shifts[:, 0])
+    level_m -= rise[:, 0] * mean_col + rise[:, 1] * mean_row
+    plane_m = level_m[blocks] + rise[:, 0][blocks] * cols + rise[:, 1][blocks] * rows
+    return np.asarray(z * (1.0 - LEDGES * stands_out)[blocks] + plane_m)
+
+
+def lay_talus(
+    elevation_m: FloatArray, spacing_m: float, size_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (rows, cols) heights of a ground with cones of debris at the feet of its walls.
+
+    Cones reach up a share of the wall that differs from place to place, and fall away from it at
+    the angle of repose.
+
+    Args:
+        elevation_m: (rows, cols) heights, of a square ground.
+        spacing_m: Distance between cells.
+        size_m: Height of walls, about: what is looked for around each place.
+        rng: Draws where cones are.
+    """
+    if size_m < TALUS_CELLS / 2 * spacing_m:
+        return elevation_m.astype(np.float64)
+    rng = randomness.child(rng, "talus")
+    step = max(1, round(size_m / (TALUS_CELLS * spacing_m)))
+    z = elevation_m[::step, ::step].astype(np.float64)
+    cell_m = step * spacing_m
+    around = 2 * max(1, round(0.5 * size_m / cell_m)) + 1
+    low_m = scipy.ndimage.minimum_filter(z, around, mode="nearest")
+    high_m = scipy.ndimage.maximum_filter(z, around, mode="nearest")
+    x, y = grid(cell_m * (len(z) - 1), len(z), 0.7 * size_m)
+    fed = np.clip(0.5 + 0.8 * fractal(x, y, rng, octaves=3).astype(np.float64), 0.0, 1.0)
+    up = np.gradient(z, cell_m)
+    is_wall = up[0] ** 2 + up[1] ** 2 > tangent(WALL_DEG) ** 2
+    top_m = np.where(is_wall, low_m + MOST_COVERED * fed * (high_m - low_m), -np.inf)
+    talus_m = _cones(top_m, cell_m * tangent(TALUS_DEG), 2 * TALUS_CELLS)
+    raised_m = np.maximum(talus_m - z, 0.0)
+    # Debris thins out into the ground instead of ending in a line.
+    raised_m = scipy.ndimage.gaussian_filter(raised_m, 1.0, mode="nearest")
+    at = np.arange(len(elevation_m)) / step
+    places = np.meshgrid(at, at, indexing="ij")
+    fine_m = scipy.ndimage.map_coordinates(raised_m, places, order=1, mode="nearest")
+    return np.asarray(elevation_m + fine_m)
+
+
+def _cones(top_m: FloatArray, fall_m: float, rounds: int) -> FloatArray:
+    """Return the (rows, cols) upper envelope of cones below tops, which fall from cell to cell."""
+    envelope_m = top_m
+    diagonal = np.ones((3, 3), bool)
+    straight = scipy.ndimage.generate_binary_structure(2, 1)
+    for turn in range(rounds):
+        # Turns of squares and crosses make octagons, nearly circles.
+        shape, length = (diagonal, 1.25) if turn % 2 else (straight, 1.0)
+        spread_m = scipy.ndimage.grey_dilation(envelope_m, footprint=shape, mode="nearest")
+        envelope_m = np.maximum(envelope_m, spread_m - length * fall_m)
+    return envelope_m
