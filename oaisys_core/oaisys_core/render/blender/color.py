@@ -91,7 +91,7 @@ class ColorRenderer:
         modalities: Collection[str],
         geometry: BackgroundGeometry | None,
         places: Future[GroundPlaces],
-        ground: Future[PixelAlbedo] | None,
+        ground: Future[PixelAlbedo | None] | None,
     ) -> ColorImages:
         """Return what a camera sees.
 

@@ -295,7 +295,7 @@ class BlenderBackend(Backend):
 
     def _ground_albedo(
         self, camera: PlacedCamera, settings: RenderSettings, views: dict[str, View]
-    ) -> PixelAlbedo:
+    ) -> PixelAlbedo | None:
         """Return the ground's albedo without noise; nothing of Blender's is touched."""
         surface = self._require_built()
         view = views.get(camera.name) or surface.view(camera)

@@ -13,28 +13,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.color import linear
 from oaisys_core.procedural.contact_map import ContactMap
 from oaisys_core.procedural.terrain.macro_variation import MAX_FACTOR, MIN_FACTOR
-from oaisys_core.procedural.textures.borders import NEGLIGIBLE, LayerBorder, borders, keys, mix
+from oaisys_core.procedural.textures.borders import (
+    MAX_HEIGHT,
+    MIN_HEIGHT,
+    NEGLIGIBLE,
+    LayerBorder,
+    borders,
+    keys,
+    mix,
+)
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.raycast.surface import View, bands
-from oaisys_core.render.blender.materials.ground.layer_places import (
-    Image,
-    LayerPlaces,
-    bilinear,
-    repeated,
-)
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.shading.looks import (
-    DULL,
-    SHINY,
     VARIATION_TILES,
     VARIATION_TURN_RAD,
     footprints_m,
     is_glossy,
     varies,
 )
-from oaisys_core.render.shading.shading import in_haze, mean_color
+from oaisys_core.render.shading.shading import in_haze
 from oaisys_core.scene.sky import Sky
 from oaisys_core.scene.terrain_material import (
     MAX_TONE,
@@ -43,7 +44,10 @@ from oaisys_core.scene.terrain_material import (
     PbrMaps,
     TerrainMaterial,
 )
+from oaisys_core.scene.tiling import PlainTiling
 from oaisys_core.types import FloatArray
+
+Image = NDArray[np.float32]
 
 POINTS = ((-0.25, 0.083), (-0.083, -0.25), (0.083, 0.25), (0.25, -0.083))
 """Rows and columns of the points of a pixel that are averaged. No two share a row or a column, and
@@ -55,14 +59,13 @@ MAX_STEP = 1.2
 GENTLE_COS = STEEP_COS[0] + 0.03
 """Least vertical component of normals at which no texture is projected from the side."""
 
-MAX_FILM = 0.1
-"""Share of a complete film of water or ice that is not seen in an albedo."""
-
-DRY = DULL - MAX_FILM * (DULL - SHINY)
-"""Least roughness of texels with so little of a film."""
-
 UNKNOWN = -1
 """Level of detail of pixels whose albedo is not computed."""
+
+_HEIGHTS = np.linspace(MIN_HEIGHT, MAX_HEIGHT, 256)
+LINEAR = np.stack((*[linear(np.arange(256) / 255)] * 3, _HEIGHTS), axis=-1)
+LINEAR = LINEAR.astype(np.float32)[None]
+"""Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
 
 
 class PixelAlbedo(NamedTuple):
@@ -93,11 +96,11 @@ class LandPlaces(NamedTuple):
 
     def weight(self, layer: int) -> Image:
         """Return the (R, W) weight of a layer."""
-        return bilinear(self.weights[layer], self.columns, self.rows, cv2.BORDER_WRAP)
+        return _bilinear(self.weights[layer], self.columns, self.rows, cv2.BORDER_WRAP)
 
 
 class GroundAlbedo:
-    """Computes the albedo of the ground where its textures have no gloss and lie flat.
+    """Computes the albedo of the ground where its textures are laid plainly and without gloss.
 
     Attributes:
         contact: Where fines lie on the ground, whose albedo is not computed; None: nowhere.
@@ -111,22 +114,28 @@ class GroundAlbedo:
         self._images = images
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
         self._footprints_m = np.array(footprints_m(material))
-        self._textures: dict[int, tuple[NDArray[np.uint8], Image]] = {}
+        self._colors: dict[int, NDArray[np.uint8]] = {}
         self._varies = varies(material)
         macro, self._macro = material.macro, None
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
         self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
+        self._is_plain = [
+            isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
+            for layer in material.layers
+        ]
 
-    def of_view(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo:
-        """Return the albedo of a view.
+    def of_view(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo | None:
+        """Return the albedo of a view; None if no layer of the ground has a known one.
 
         Args:
             view: What the pixels see.
             pixel_rad: Angle of a pixel that levels of detail are chosen by.
             sky: Whose haze is in front of the ground.
         """
+        if not any(self._is_plain):
+            return None
         height, width = view.depth_m.shape
         albedo = np.empty((height, width, 3), np.float32)
         is_known = np.empty((height, width), np.bool_)
@@ -147,88 +156,57 @@ class GroundAlbedo:
         is_known = _is_smooth(distance_m)
         if self._material.projects_sides:
             is_known &= _upward(points_m) > GENTLE_COS
+        for weight, is_plain in zip(weights, self._is_plain, strict=True):
+            is_known &= is_plain | (weight <= NEGLIGIBLE)
         if self.contact is not None:
             is_known &= ~self.contact.is_near(xy_m)
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
-        albedo, is_known = self._mix(xy_m, weights, np.where(is_known, level, UNKNOWN))
+        albedo = self._mix(xy_m, weights, np.where(is_known, level, UNKNOWN))
         if sky.haze is not None:
             clear = albedo[is_known].astype(np.float64)
             albedo[is_known] = in_haze(clear, distance_m[is_known], sky.haze, sky)
         return PixelAlbedo(albedo, is_known)
 
-    def _mix(
-        self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]
-    ) -> tuple[Image, NDArray[np.bool_]]:
-        """Return the (H, W, 3) colour of all layers where the level of detail is known.
-
-        Also (H, W) where it is and no film of water or ice covers one of the layers.
-        """
+    def _mix(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
+        """Return the (H, W, 3) colour of all layers where the level of detail is known."""
         color = np.zeros((*level.shape, 3), np.float32)
-        is_known = np.zeros(level.shape, np.bool_)
         row_m, column_m = np.gradient(xy_m, axis=(0, 1))
         for each in range(len(self._footprints_m)):
-            seen = np.flatnonzero((level == each).any(axis=1))
+            pixels = level == each
+            seen = np.flatnonzero(pixels.any(axis=1))
             if not len(seen):
                 continue
             rows = slice(seen[0], seen[-1] + 1)
-            pixels, of_rows = level[rows] == each, [weight[rows] for weight in weights]
-            places = self._places(xy_m[rows], of_rows, pixels)
-            pixels &= ~self._has_film(each, of_rows, places)
-            if not pixels.any():
-                continue
-            mixed = np.zeros((*pixels.shape, 3), np.float32)
+            of_rows = [weight[rows] for weight in weights]
+            present = [bool((pixels[rows] & (each > NEGLIGIBLE)).any()) for each in of_rows]
+            mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
             for down, right in POINTS:
-                step_m = down * row_m[rows] + right * column_m[rows]
-                mixed += self._color(each, step_m, of_rows, places)
-            mixed *= pixels[..., None] / np.float32(len(POINTS))
+                point_m = xy_m[rows] + down * row_m[rows] + right * column_m[rows]
+                mixed += self._color(each, point_m, of_rows, present)
+            mixed *= pixels[rows, :, None] / np.float32(len(POINTS))
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
-            is_known[rows] |= pixels
         tone = self._material.tone
         if tone is not None:
-            share = bilinear(tone, *self._place(xy_m, len(tone)), cv2.BORDER_REPLICATE)
+            share = _bilinear(tone, *self._place(xy_m, len(tone)), cv2.BORDER_REPLICATE)
             color *= share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE)
         if self._macro is not None:
-            share = repeated(self._macro, xy_m / self._macro_period_m)
+            share = _texture(self._macro, xy_m / self._macro_period_m)
             color *= share * np.float32(MAX_FACTOR - MIN_FACTOR) + np.float32(MIN_FACTOR)
-        return color, is_known
-
-    def _places(
-        self, xy_m: FloatArray, weights: list[Image], pixels: NDArray[np.bool_]
-    ) -> list[LayerPlaces | None]:
-        """Return where each layer is seen; None for a layer that none of the pixels show."""
-        return [
-            LayerPlaces.of(layer, xy_m) if (pixels & (weight > NEGLIGIBLE)).any() else None
-            for layer, weight in zip(self._material.layers, weights, strict=True)
-        ]
-
-    def _has_film(
-        self, level: int, weights: list[Image], places: list[LayerPlaces | None]
-    ) -> NDArray[np.bool_]:
-        """Return in which pixels with (R, W) weights of layers a film covers one of them."""
-        found = np.zeros(weights[0].shape, np.bool_)
-        for layer, weight, place in zip(self._material.layers, weights, places, strict=True):
-            if place is not None and is_glossy(layer.maps):
-                seen = self._maps_at_level(layer.maps, layer.maps.tile_m, level)
-                found |= (weight > NEGLIGIBLE) & (place.look_up_plain(seen.roughness) < DRY * 255)
-        return found
+        return color
 
     def _color(
-        self,
-        level: int,
-        step_m: FloatArray,
-        weights: list[Image],
-        places: list[LayerPlaces | None],
+        self, level: int, xy_m: FloatArray, weights: list[Image], present: list[bool]
     ) -> Image:
-        """Return the (R, W, 3) colour beside the middles of pixels with (R, W) weights of layers.
+        """Return the (R, W, 3) colour at points with (R, W) weights of all layers.
 
-        Layers without ``places`` are in none of these pixels.
+        Layers that are not ``present`` are at none of these points.
         """
         result: Any = None
         below: Any = None
-        for index, (place, weight) in enumerate(zip(places, weights, strict=True)):
-            if place is None:
+        for index, (layer, weight) in enumerate(zip(self._material.layers, weights, strict=True)):
+            if not present[index]:
                 continue
-            texel = place.look_up(*self._texture_at(index, level), step_m)
+            texel = self._texels(layer.maps, level, xy_m)
             key = keys(texel[..., 3], weight)
             if result is None:
                 result, below = texel, key
@@ -245,7 +223,7 @@ class GroundAlbedo:
             x, y = self._place(xy_m, self._material.masks.shape[1])
             on_land = self._on_land(xy_m)
             for layer, mask in enumerate(self._material.masks[1:]):
-                weight = bilinear(mask, x, y, cv2.BORDER_REFLECT)
+                weight = _bilinear(mask, x, y, cv2.BORDER_REFLECT)
                 if on_land is not None:
                     weight += (on_land.weight(layer) - weight) * on_land.share
                 weights.append(weight)
@@ -273,14 +251,16 @@ class GroundAlbedo:
         ]
         return borders([self._images.heights(maps).variance for maps in seen])
 
-    def _texture_at(self, layer: int, level: int) -> tuple[NDArray[np.uint8], Image]:
-        """Return the (S, S, 4) colour and heights of a layer at a level, and its mean colour."""
-        maps = self._material.layers[layer].maps
-        seen = self._maps_at_level(maps, maps.tile_m, level)
-        if id(seen) not in self._textures:
-            image = np.dstack((seen.color_srgb, self._images.heights(seen).texels))
-            self._textures[id(seen)] = image, mean_color(seen).astype(np.float32)
-        return self._textures[id(seen)]
+    def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
+        """Return the (R, W, 4) colour and heights of a texture set."""
+        image = self._with_heights(self._maps_at_level(maps, maps.tile_m, level))
+        return np.asarray(cv2.LUT(_texture(image, xy_m / maps.tile_m), LINEAR))
+
+    def _with_heights(self, seen: PbrMaps) -> NDArray[np.uint8]:
+        if id(seen) not in self._colors:
+            heights = self._images.heights(seen).texels
+            self._colors[id(seen)] = np.dstack((seen.color_srgb, heights))
+        return self._colors[id(seen)]
 
     def _variation(self, level: int, xy_m: FloatArray) -> Image:
         """Return the (R, W, 3) factor by which the ground's colour varies slowly."""
@@ -288,7 +268,7 @@ class GroundAlbedo:
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
         cos, sin = np.cos(VARIATION_TURN_RAD), np.sin(VARIATION_TURN_RAD)
         height = self._maps_at_level(maps, size_m, level).height
-        pattern = repeated(height, xy_m @ np.array([[cos, sin], [-sin, cos]]) / size_m)
+        pattern = _texture(height, xy_m @ np.array([[cos, sin], [-sin, cos]]) / size_m)
         ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
         factor = pattern[..., None] * ranges.astype(np.float32)
         return np.asarray(factor + (1 - ranges / 2).astype(np.float32), np.float32)
@@ -313,3 +293,17 @@ def _upward(points_m: FloatArray) -> FloatArray:
     normal = np.cross(np.gradient(points_m, axis=0), np.gradient(points_m, axis=1))
     length = np.linalg.norm(normal, axis=-1)
     return np.asarray(np.abs(normal[..., 2]) / np.maximum(length, 1e-12))
+
+
+def _texture(image: NDArray[Any], uv_tiles: FloatArray) -> NDArray[Any]:
+    """Return a square texture at (R, W, 2) coordinates; row 0 of the image is the top of a tile."""
+    size = len(image)
+    within = uv_tiles - np.floor(uv_tiles)
+    x, y = within[..., 0] * size - 0.5, (1 - within[..., 1]) * size - 0.5
+    return _bilinear(image, x, y, cv2.BORDER_WRAP)
+
+
+def _bilinear(image: NDArray[Any], x: FloatArray, y: FloatArray, border: int) -> NDArray[Any]:
+    """Return an image, interpolated at (R, W) columns and rows."""
+    places = x.astype(np.float32), y.astype(np.float32)
+    return np.asarray(cv2.remap(image, *places, cv2.INTER_LINEAR, borderMode=border))
