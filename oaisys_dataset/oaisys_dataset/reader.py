@@ -206,7 +206,7 @@ class Dataset(Sequence[DatasetSample]):
             InvalidInputError: It is another one than recorded.
         """
         tar, points = tar_name(record.world), record.points
-        return points.verified(self.place.read(tar, points.offset, points.size), tar)
+        return points.verify(self.place.read(tar, points.offset, points.size), tar)
 
     def scans_beside(self, record: FrameRecord) -> dict[str, LidarScan]:
         """Return the lidar scans of a frame's view by the lidar's name."""
@@ -278,7 +278,7 @@ class Dataset(Sequence[DatasetSample]):
             expected = f"files within {tar}, which ends at {begin + len(data)}"
             raise InvalidInputError(f"{record.frame_id}: images", f"an end at {end}", expected)
         files = {modality: _cut(data, images[modality], begin) for modality in wanted}
-        return {name: images[name].verified(file, tar) for name, file in files.items()}
+        return {name: images[name].verify(file, tar) for name, file in files.items()}
 
     def sample(self, record: FrameRecord, modalities: Sequence[str] = ()) -> DatasetSample:
         """Return a frame with its pixels, in all modalities or in some.

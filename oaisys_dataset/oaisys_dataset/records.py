@@ -80,8 +80,8 @@ class FileRecord:
     size: Bytes
     sha256: Sha256
 
-    def verified(self, file: bytes, shard: str) -> bytes:
-        """Return the file's bytes in a shard.
+    def verify(self, file: bytes, shard: str) -> bytes:
+        """Return the file's bytes in a shard, if they are those of the record.
 
         Raises:
             InvalidInputError: They are others than recorded.

@@ -83,9 +83,9 @@ def octave_heights(
             continue
         place = _Place(xy_m[here], octave, index)
         if has_forms and shaped_by == "water":
-            height_m = place.gullied(slope, here, usual, rngs[index])
+            height_m = place.with_gullies(slope, here, usual, rngs[index])
         elif has_forms:
-            height_m = place.cratered(rngs[index])
+            height_m = place.with_craters(rngs[index])
         else:
             height_m = place.swells(slope, here, rngs[index])
         usual = np.sqrt(usual**2 + (2 * np.pi * octave.deviation_m / octave.wavelength_m) ** 2)
@@ -122,7 +122,7 @@ class _Place:
         slope[here] += np.stack(rises, axis=1) @ self._axes.T
         return height_m
 
-    def gullied(
+    def with_gullies(
         self, slope: FloatArray, here: NDArray[np.intp], usual: float, rng: np.random.Generator
     ) -> FloatArray:
         """Return (P,) heights of ridges down the slopes, and add theirs to them.
@@ -141,7 +141,7 @@ class _Place:
         noise_m = np.sqrt(1 - FORMED**2) * self._noise(np.zeros(2), rng)
         return np.asarray(share * forms.height + noise_m)
 
-    def cratered(self, rng: np.random.Generator) -> FloatArray:
+    def with_craters(self, rng: np.random.Generator) -> FloatArray:
         """Return (P,) heights of craters on noise; no crater is deeper than a fresh one."""
         noise_m = np.sqrt(1 - FORMED**2) * self._noise(np.zeros(2), rng)
         deviation_m = min(FORMED * self._deviation_m, CRATER_DEVIATION * self._cell_m)

@@ -24,18 +24,10 @@ UNSEEN_BY = ("camera", "diffuse", "glossy", "transmission", "volume_scatter")
 
 
 class CloudSheet:
-    """The sheet, which is hidden while clouds cast no shadows."""
+    """The sheet, made for the first clouds, and hidden while none cast shadows."""
 
     def __init__(self) -> None:
-        mesh = bpy.data.meshes.new("cloud_shadows")
-        mesh.from_pydata([(x, y, 0.0) for x, y in CORNERS], [], [tuple(range(4))])
-        self._material = new_material("cloud_shadows")
-        mesh.materials.append(self._material)
-        self._sheet: Any = bpy.data.objects.new("cloud_shadows", mesh)
-        for ray in UNSEEN_BY:
-            setattr(self._sheet, f"visible_{ray}", False)
-        self._sheet.hide_render = True
-        bpy.context.scene.collection.objects.link(self._sheet)
+        self._sheet: Any = None
         self._image: Any = None
         self._shadows: CloudShadows | None = None
 
@@ -43,6 +35,8 @@ class CloudSheet:
         """Take over shadows."""
         if shadows is self._shadows:
             return
+        if self._sheet is None:
+            self._sheet = _new_sheet()
         before, self._image, self._shadows = self._image, None, None
         self._sheet.hide_render = shadows is None
         if shadows is not None:
@@ -60,7 +54,7 @@ class CloudSheet:
         pixels = np.ones((GRID, GRID, 4), np.float32)
         pixels[..., :3] = shadows.share[..., None]
         image = new_image("cloud_shadows", pixels, is_float=True, is_color=False)
-        tree = NodeTree(node_tree_of(self._material))
+        tree = NodeTree(node_tree_of(self._sheet.data.materials[0]))
         # Texels of Blender's images have their middles at halves.
         start = [0.5 / GRID - shift_m / shadows.tile_m for shift_m in shadows.shift_m]
         place = tree.vector(
@@ -74,3 +68,14 @@ class CloudSheet:
         through = tree.add("BsdfTransparent", {"Color": color}).outputs[0]
         tree.add("OutputMaterial", {"Surface": through})
         return image
+
+
+def _new_sheet() -> Any:
+    mesh = bpy.data.meshes.new("cloud_shadows")
+    mesh.from_pydata([(x, y, 0.0) for x, y in CORNERS], [], [tuple(range(4))])
+    mesh.materials.append(new_material("cloud_shadows"))
+    sheet: Any = bpy.data.objects.new("cloud_shadows", mesh)
+    for ray in UNSEEN_BY:
+        setattr(sheet, f"visible_{ray}", False)
+    bpy.context.scene.collection.objects.link(sheet)
+    return sheet
