@@ -1,4 +1,4 @@
-"""Files and folders that are complete under their name, or unchanged, whenever it is killed."""
+"""Files and folders, complete under their name or unchanged whenever the program is killed."""
 
 from __future__ import annotations
 

@@ -57,6 +57,11 @@ class PbrMaps:
     tile_m: float
     subsurface: float = 0.0
 
+    def mean_of_texels(self) -> FloatArray:
+        """Return the (3,) mean linear colour of evenly spaced texels."""
+        step = max(len(self.color_srgb) // SAMPLED_PX, 1)
+        return mean_linear(self.color_srgb[::step, ::step])
+
 
 @dataclass(frozen=True)
 class LabelImage:
@@ -185,11 +190,7 @@ class TerrainMaterial:
     @cached_property
     def mean_luminance(self) -> float:
         """Mean linear luminance of the layers' albedo, 0 to 1, by their shares of the stage."""
-        step = [max(len(each.maps.color_srgb) // SAMPLED_PX, 1) for each in self.layers]
-        colors = [
-            mean_linear(layer.maps.color_srgb[::every, ::every])
-            for layer, every in zip(self.layers, step, strict=True)
-        ]
+        colors = [layer.maps.mean_of_texels() for layer in self.layers]
         shares = self.masks.mean(axis=(1, 2), dtype=np.float64)
         return float(shares @ np.array(colors) @ LUMINANCE / shares.sum())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from oaisys_core.procedural.terrain.bedrock import LARGEST_BLOCK_M, break_rock
 from oaisys_core.procedural.terrain.erosion import slides, streams
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
@@ -23,6 +22,7 @@ from oaisys_core.procedural.terrain.noise import (
     grid,
     warp,
 )
+from oaisys_core.procedural.terrain.processes.bedrock import LARGEST_BLOCK_M, break_rock
 from oaisys_core.types import FloatArray
 
 ERODED_PX = 257

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.bedrock import bend_to_joints, lay_talus
 from oaisys_core.procedural.terrain.craters import DEPTH_SHARE, crater_field
 from oaisys_core.procedural.terrain.erosion import REPOSE_DEG, slides
 from oaisys_core.procedural.terrain.landform import (
@@ -20,6 +19,7 @@ from oaisys_core.procedural.terrain.landform import (
     unevenness,
 )
 from oaisys_core.procedural.terrain.noise import fractal, grid, warp
+from oaisys_core.procedural.terrain.processes.bedrock import bend_to_joints, lay_talus
 from oaisys_core.types import FloatArray
 
 logger = logging.getLogger(__name__)

@@ -24,7 +24,7 @@ from oaisys_core.render.draft.appearance import (
     zeros,
 )
 from oaisys_core.render.draft.light.cloud_shade import shade_by_clouds
-from oaisys_core.render.draft.light.far_lift import FarLift
+from oaisys_core.render.draft.light.far_lift import GRAZING_COS, FarLift
 from oaisys_core.render.draft.light.ground_nearby import light_around
 from oaisys_core.render.draft.light.reflection import Nearby, reflect, sun_w_m2
 from oaisys_core.render.draft.light.sun_light import LiftedPoints, SunLight
@@ -38,9 +38,9 @@ from oaisys_core.scene import PlacedCamera, Scene, Sky
 LIFT_M, LIFT_SHARE = 1e-4, 1.5e-5
 """Distance of shadow rays' beginnings from the surface, and its share of that from the eye."""
 
-GRAZING_COS, GRAZING_LIFT = 0.2, 0.12
-"""Cosine of the sun's angle to the ground below which they begin higher, and how much at most, as a
-share of the distance between the ground's vertices."""
+GRAZING_LIFT = 0.12
+"""How much higher they begin at most where light grazes the ground (`GRAZING_COS`), as a share of
+the distance between the ground's vertices."""
 
 UP = np.array([(0, 0, 1)], np.float32)
 

@@ -19,7 +19,7 @@ from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, r
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.procedural.terrain.masks.cover import is_green
 from oaisys_core.procedural.terrain.masks.relief import has_steep_parts
-from oaisys_core.procedural.terrain.masks.tone import ToneStrength, ground_tone
+from oaisys_core.procedural.terrain.masks.tone import ground_tone
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.scene.photometric_laws import (
     Hapke,
@@ -159,7 +159,7 @@ def _tone(
     variation = config.variation
     if variation.scale_m is not None or not (variation.brightness or variation.tint):
         return None
-    strength = ToneStrength(variation.brightness, variation.tint)
+    strength = Variation(**variation.model_dump())
     return ground_tone(ground, masks, green, strength, randomness.child(rng, "tone"))
 
 

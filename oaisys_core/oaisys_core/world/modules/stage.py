@@ -33,14 +33,16 @@ from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, loa
 
 LOG = logging.getLogger(__name__)
 
-SHAPERS: dict[Shaper, tuple[str, ...]] = {
-    "impacts": ("craters", "crater_field"),
-    "wind": ("dunes", "slab_dunes"),
+SHAPERS: dict[str, Shaper] = {
+    "craters": "impacts",
+    "crater_field": "impacts",
+    "dunes": "wind",
+    "slab_dunes": "wind",
 }
 """Presets whose land something else than water has shaped."""
 
 SHAPERS_OF_BODIES: dict[str, Shaper] = {"moon": "impacts", "mars": "wind"}
-"""Bodies whose land something else than water has shaped, whatever the preset."""
+"""The same of bodies, for other presets."""
 
 
 class StageModule(Module):
@@ -216,10 +218,8 @@ def _check_body(imported: ImportedGround, config: StageConfig) -> None:
 
 def _shaper(config: StageConfig) -> Shaper:
     """Return what shaped the land around a stage: as the preset, or as usual on the body."""
-    if config.dem is None and config.mesh is None:
-        for shaper, presets in SHAPERS.items():
-            if config.preset in presets:
-                return shaper
+    if config.dem is None and config.mesh is None and config.preset in SHAPERS:
+        return SHAPERS[config.preset]
     return SHAPERS_OF_BODIES.get(body_name(config.body) or "", "water")
 
 

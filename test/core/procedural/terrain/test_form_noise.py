@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oaisys_core.procedural.terrain.form_noise import craters, ridges
+from oaisys_core.procedural.terrain.surroundings.form_noise import craters, ridges
 from oaisys_core.types import FloatArray
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import cos, radians, sin, tan
 
 import numpy as np
@@ -44,6 +44,10 @@ class CloudShadows:
     per_m: tuple[float, float]
     shift_m: tuple[float, float]
 
+    @cached_property
+    def _tile(self) -> Tile:
+        return Tile(self.share)
+
     def at(self, points_m: FloatArray) -> Field:
         """Return the (N,) shares at (N, 3) points; above the undersides, they are 1."""
         rise_m = self.base_m - points_m[:, 2]
@@ -51,7 +55,7 @@ class CloudShadows:
             ((points_m[:, axis] + rise_m * per_m - shift_m) * (GRID / self.tile_m))
             for axis, (per_m, shift_m) in enumerate(zip(self.per_m, self.shift_m, strict=True))
         )
-        found = Tile(self.share).at(_within(x), _within(y))
+        found = self._tile.at(_within(x), _within(y))
         return np.where(rise_m > 0, found, np.float32(1))
 
 

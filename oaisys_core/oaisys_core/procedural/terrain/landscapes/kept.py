@@ -25,7 +25,6 @@ FOLDER = "grounds"
 CODE = (
     "procedural/terrain/landscapes",
     "procedural/terrain/processes",
-    "procedural/terrain/bedrock.py",
     "procedural/terrain/erosion.py",
     "procedural/terrain/landform.py",
     "procedural/terrain/mountains.py",

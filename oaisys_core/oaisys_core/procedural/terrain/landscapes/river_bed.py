@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from oaisys_core.procedural.terrain.bedrock import lay_talus
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
@@ -14,6 +13,7 @@ from oaisys_core.procedural.terrain.landform import (
 )
 from oaisys_core.procedural.terrain.landscapes.domain import Domain, domain_of
 from oaisys_core.procedural.terrain.noise import fractal, grid
+from oaisys_core.procedural.terrain.processes.bedrock import lay_talus
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
 from oaisys_core.procedural.terrain.processes.river import (

@@ -11,7 +11,6 @@ from math import log, sqrt
 
 import numpy as np
 
-from oaisys_core.color import mean_linear
 from oaisys_core.procedural.terrain.masks.relief import Relief
 from oaisys_core.procedural.terrain.noise import Field, band
 from oaisys_core.scene.terrain_material import PbrMaps
@@ -39,14 +38,10 @@ BARE_RAD = 0.55, 0.95
 STEEP_STRENGTH = 3.0
 """Change of a green layer's score on the steepest ground."""
 
-SAMPLED_PX = 256
-"""Pixels of a texture's row of which its mean colour is taken."""
-
 
 def is_green(maps: PbrMaps) -> bool:
     """Return whether a texture is of plants: whether its mean colour has more green than red."""
-    step = max(len(maps.color_srgb) // SAMPLED_PX, 1)
-    red, green, blue = mean_linear(maps.color_srgb[::step, ::step])
+    red, green, blue = maps.mean_of_texels()
     return bool(green > max(red, blue))
 
 

@@ -118,8 +118,9 @@ def blend_masks(
     wanted = np.ones(n_layers) if shares is None else np.asarray(shares)
     scores += balancing_offsets(few, wanted)[:, None, None]
     if gates is not None:
-        scores += np.float32(RELUCTANCE) * np.log(np.maximum(_open_first(gates), 1e-30))
-        scores[_open_first(gates) <= 0] = NOWHERE
+        opened = _open_first(gates)
+        scores += np.float32(RELUCTANCE) * np.log(np.maximum(opened, 1e-30))
+        scores[opened <= 0] = NOWHERE
     of_tufts = tuft_softness(sharpness, visible_share(texel_m))
     return weights_of(scores, border_softness(sharpness), is_green, of_tufts)
 

@@ -7,7 +7,6 @@ it is dry, and stand in dark clumps where it is moist. Beyond the stage's edge t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from oaisys_core.procedural.terrain.masks.relief import Relief, exposure, relief
 from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.noise import Field, band
 from oaisys_core.scene import Ground
-from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE
+from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE, Variation
 
 Image = NDArray[np.float32]
 
@@ -64,24 +63,11 @@ FADED = 0.08
 """Share of the stage's edge over which the tone fades out."""
 
 
-@dataclass(frozen=True)
-class ToneStrength:
-    """How strong a tone is.
-
-    Attributes:
-        brightness: Range of the brightness factor around 1.
-        tint: Range of the factor on red around 1; blue changes in the opposite direction.
-    """
-
-    brightness: float
-    tint: float
-
-
 def ground_tone(
     ground: Ground,
     masks: NDArray[np.float32],
     green: Sequence[bool],
-    strength: ToneStrength,
+    strength: Variation,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """Return (T, T, 3) bytes: factors on the linear colour, from `MIN_TONE` to `MAX_TONE`.
@@ -90,7 +76,7 @@ def ground_tone(
         ground: The stage's.
         masks: (L, M, M) weights of the layers; T is at most M and `MAX_PX`.
         green: Whether each layer is of plants.
-        strength: How strong the tone is.
+        strength: How strong the tone is; its size does not matter.
         rng: Draws mottles, streaks and clumps.
     """
     size = min(masks.shape[1], MAX_PX)

@@ -11,6 +11,9 @@ from oaisys_core.types import FloatArray
 STABLE = 0.2
 """Largest diffusivity times time over the squared spacing of an explicit step; 0.25 is unstable."""
 
+DIAGONAL = 1.25
+"""Mean distance, in cells, to the eight cells around, for octagons within 4 % of circles."""
+
 
 def diffuse(elevation_m: FloatArray, spacing_m: float, amount_m2: float) -> FloatArray:
     """Return the ground after linear hillslope diffusion (Culling 1960), which keeps its mass.
@@ -89,10 +92,22 @@ def wear_back(elevation_m: FloatArray, spacing_m: float, slope: float, reach: in
         slope: Tangent of the steepest slope.
         reach: Cells from its foot up to which a wall wears back.
     """
-    z = elevation_m.astype(np.float64)
+    rises_m = slope * spacing_m, DIAGONAL * slope * spacing_m
+    return bound_rises(elevation_m.astype(np.float64), rises_m, reach)
+
+
+def bound_rises(height_m: FloatArray, rises_m: tuple[float, float], rounds: int) -> FloatArray:
+    """Return the highest (rows, cols) heights that are nowhere above these and rise by no more.
+
+    Args:
+        height_m: (rows, cols) heights.
+        rises_m: Largest rise from a cell to the next, straight, and among all eight around.
+        rounds: Cells over which it is bounded.
+    """
+    # Turns of crosses and squares make octagons, nearly circles.
     square, cross = np.ones((3, 3), bool), scipy.ndimage.generate_binary_structure(2, 1)
-    for turn in range(reach):
-        shape, length = (square, 1.25) if turn % 2 else (cross, 1.0)
-        least_m = scipy.ndimage.grey_erosion(z, footprint=shape, mode="nearest")
-        z = np.minimum(z, least_m + length * slope * spacing_m)
-    return z
+    for turn in range(rounds):
+        shape = square if turn % 2 else cross
+        least_m = scipy.ndimage.grey_erosion(height_m, footprint=shape, mode="nearest")
+        height_m = np.minimum(height_m, least_m + rises_m[turn % 2])
+    return height_m

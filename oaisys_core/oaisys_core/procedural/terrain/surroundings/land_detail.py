@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 
 from oaisys_core import randomness
-from oaisys_core.procedural.terrain.form_noise import craters, ridges
 from oaisys_core.procedural.terrain.noise import Field, filter_noise
+from oaisys_core.procedural.terrain.surroundings.form_noise import craters, ridges
 from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
 from oaisys_core.procedural.terrain.surroundings.rings import SPACING_SHARE
 from oaisys_core.procedural.terrain.surroundings.spectrum import Octave

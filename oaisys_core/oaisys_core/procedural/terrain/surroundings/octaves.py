@@ -11,8 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.form_noise import CRATER_DEVIATION, craters, ridges
 from oaisys_core.procedural.terrain.noise import gradient_noise
+from oaisys_core.procedural.terrain.surroundings.form_noise import (
+    CRATER_DEVIATION,
+    LATTICE,
+    craters,
+    ridges,
+)
 from oaisys_core.procedural.terrain.surroundings.spectrum import Octave
 from oaisys_core.types import FloatArray
 
@@ -24,9 +29,6 @@ NOISE_DEVIATION = 0.305
 
 CELLS = 0.75
 """Edge of a cell of the noise in wavelengths of its strongest waves."""
-
-LATTICE = 64
-"""Period of the noise in cells: an octave is left out before it repeats along a line of sight."""
 
 TURN_RAD = 0.6
 """Rotation of an octave's lattice against that of the octave before."""

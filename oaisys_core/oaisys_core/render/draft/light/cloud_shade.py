@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from oaisys_core.procedural.environment.clouds.shadows import cloud_shadows
-from oaisys_core.render.draft.appearance import Floats
+from oaisys_core.render.draft.appearance import Floats, take
 from oaisys_core.scene.sky import Sky
 from oaisys_core.types import FloatArray
 
@@ -17,4 +17,4 @@ def shade_by_clouds(sky: Sky, points_m: FloatArray, sun_share: Floats) -> None:
         return
     lit = np.flatnonzero(sun_share)
     flat = sun_share.reshape(-1)
-    flat[lit] *= shadows.at(points_m.reshape(-1, 3).take(lit, axis=0))
+    flat[lit] *= shadows.at(take(points_m.reshape(-1, 3), lit))

@@ -13,8 +13,8 @@ from oaisys_core.render.draft.appearance import Floats
 from oaisys_core.scene import FarGround
 
 GRAZING_COS = 0.2
-"""Cosine of the sun's angle to a flat triangle below which rays begin above it: then by its edge
-times how much less it is."""
+"""Cosine of the sun's angle to the ground below which rays begin higher above it; above the land's
+triangles, by their edges times how much less it is."""
 
 
 class FarLift:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.masks.tone import ToneStrength, ground_tone
+from oaisys_core.procedural.terrain.masks.tone import ground_tone
 from oaisys_core.scene import HeightField
-from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE
+from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE, Variation
 
 SIZE = 128
 
@@ -23,7 +23,7 @@ def factors(
 ) -> NDArray[np.float64]:
     masks = np.ones((1, SIZE, SIZE), np.float32)
     rng = np.random.default_rng(seed)
-    made = ground_tone(valley(), masks, [green], ToneStrength(brightness, tint), rng)
+    made = ground_tone(valley(), masks, [green], Variation(brightness, tint), rng)
     assert made.dtype == np.uint8
     return MIN_TONE + made * ((MAX_TONE - MIN_TONE) / 255)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
+from oaisys_core.procedural.terrain.processes.slopes import DIAGONAL, bound_rises
 from oaisys_core.types import FloatArray
 
 LARGEST_BLOCK_M = 4.0
@@ -190,7 +191,8 @@ def lay_talus(
     up = np.gradient(z, cell_m)
     is_wall = up[0] ** 2 + up[1] ** 2 > tangent(WALL_DEG) ** 2
     top_m = np.where(is_wall, low_m + MOST_COVERED * fed * (high_m - low_m), -np.inf)
-    talus_m = _cones(top_m, cell_m * tangent(TALUS_DEG), 2 * TALUS_CELLS)
+    fall_m = cell_m * tangent(TALUS_DEG)
+    talus_m = -bound_rises(-top_m, (fall_m, DIAGONAL * fall_m), 2 * TALUS_CELLS)
     raised_m = np.maximum(talus_m - z, 0.0)
     # Debris thins out into the ground instead of ending in a line.
     raised_m = scipy.ndimage.gaussian_filter(raised_m, 1.0, mode="nearest")
@@ -198,16 +200,3 @@ def lay_talus(
     places = np.meshgrid(at, at, indexing="ij")
     fine_m = scipy.ndimage.map_coordinates(raised_m, places, order=1, mode="nearest")
     return np.asarray(elevation_m + fine_m)
-
-
-def _cones(top_m: FloatArray, fall_m: float, rounds: int) -> FloatArray:
-    """Return the (rows, cols) upper envelope of cones below tops, which fall from cell to cell."""
-    envelope_m = top_m
-    diagonal = np.ones((3, 3), bool)
-    straight = scipy.ndimage.generate_binary_structure(2, 1)
-    for turn in range(rounds):
-        # Turns of squares and crosses make octagons, nearly circles.
-        shape, length = (diagonal, 1.25) if turn % 2 else (straight, 1.0)
-        spread_m = scipy.ndimage.grey_dilation(envelope_m, footprint=shape, mode="nearest")
-        envelope_m = np.maximum(envelope_m, spread_m - length * fall_m)
-    return envelope_m

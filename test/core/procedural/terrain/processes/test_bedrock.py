@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from oaisys_core.procedural.terrain.bedrock import bend_to_joints, break_rock, lay_talus
+from oaisys_core.procedural.terrain.processes.bedrock import bend_to_joints, break_rock, lay_talus
 from oaisys_core.types import FloatArray
 
 SPACING_M = 0.1

@@ -18,7 +18,7 @@ from oaisys_core.procedural.terrain.processes.impacts import DEPTH, RIM
 from oaisys_core.types import FloatArray
 
 LATTICE = 64
-"""Period of the lattices in cells."""
+"""Period of lattices in cells: octaves are left out before they repeat along a line of sight."""
 
 JITTER = 0.35
 """Farthest shift of a point from its cell's middle, along an axis."""
