@@ -27,6 +27,12 @@ from oaisys_core.procedural.textures.borders import (
 )
 from oaisys_core.procedural.textures.levels import level_at
 from oaisys_core.raycast.surface import View, bands
+from oaisys_core.render.blender.materials.ground.pixel_weights import (
+    Image,
+    bilinear,
+    pixel_weights,
+    places_on_stage,
+)
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.shading.looks import (
     VARIATION_TILES,
@@ -46,8 +52,6 @@ from oaisys_core.scene.terrain_material import (
 )
 from oaisys_core.scene.tiling import PlainTiling
 from oaisys_core.types import FloatArray
-
-Image = NDArray[np.float32]
 
 POINTS = ((-0.25, 0.083), (-0.083, -0.25), (0.083, 0.25), (0.25, -0.083))
 """Rows and columns of the points of a pixel that are averaged. No two share a row or a column, and
@@ -78,25 +82,6 @@ class PixelAlbedo(NamedTuple):
 
     linear: Image
     is_known: NDArray[np.bool_]
-
-
-class LandPlaces(NamedTuple):
-    """Where the points of (R, W) pixels are in the masks of the land around a stage.
-
-    Attributes:
-        weights: The masks of all layers but the first, see `LandMasks`.
-        share: Their weight over the stage's masks.
-        columns, rows: Places in them.
-    """
-
-    weights: Image
-    share: Image
-    columns: FloatArray
-    rows: FloatArray
-
-    def weight(self, layer: int) -> Image:
-        """Return the (R, W) weight of a layer."""
-        return _bilinear(self.weights[layer], self.columns, self.rows, cv2.BORDER_WRAP)
 
 
 class GroundAlbedo:
@@ -152,7 +137,7 @@ class GroundAlbedo:
         distance_m = np.where(view.is_ground, view.depth_m, 0.0)
         distance_m *= np.linalg.norm(view.directions, axis=-1)
         xy_m = np.ascontiguousarray(points_m[..., :2])
-        weights = self._weights(xy_m)
+        weights = pixel_weights(self._material, xy_m)
         is_known = _is_smooth(distance_m)
         if self._material.projects_sides:
             is_known &= _upward(points_m) > GENTLE_COS
@@ -187,7 +172,8 @@ class GroundAlbedo:
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
         tone = self._material.tone
         if tone is not None:
-            share = _bilinear(tone, *self._place(xy_m, len(tone)), cv2.BORDER_REPLICATE)
+            places = places_on_stage(self._material, xy_m, len(tone))
+            share = bilinear(tone, *places, cv2.BORDER_REPLICATE)
             color *= share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE)
         if self._macro is not None:
             share = _texture(self._macro, xy_m / self._macro_period_m)
@@ -214,35 +200,6 @@ class GroundAlbedo:
             factor, below = mix(key, below, self._borders[level][index - 1])
             result = result + (texel - result) * factor[..., None]
         return np.asarray(result[..., :3], np.float32)
-
-    def _weights(self, xy_m: FloatArray) -> list[Image]:
-        """Return the (H, W) weight of each layer by the masks, as `layer_shares` has them."""
-        first = np.ones(xy_m.shape[:2], np.float32)
-        weights: list[Image] = []
-        if len(self._material.layers) > 1:
-            x, y = self._place(xy_m, self._material.masks.shape[1])
-            on_land = self._on_land(xy_m)
-            for layer, mask in enumerate(self._material.masks[1:]):
-                weight = _bilinear(mask, x, y, cv2.BORDER_REFLECT)
-                if on_land is not None:
-                    weight += (on_land.weight(layer) - weight) * on_land.share
-                weights.append(weight)
-                first -= weight
-        return [first, *weights]
-
-    def _place(self, xy_m: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-        """Return columns and rows of (H, W, 2) points in an image of the stage of some size."""
-        x0, y0, x1, y1 = self._material.extent_m
-        column = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
-        return column, (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
-
-    def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
-        """Return the places of points in the masks of the land; None if all are on the stage."""
-        land = self._material.land
-        share = None if land is None else land.share_at(xy_m)
-        if land is None or share is None or not share.any():
-            return None
-        return LandPlaces(land.weights[1:], share.astype(np.float32), *land.texels_at(xy_m))
 
     def _borders_at(self, level: int) -> list[LayerBorder]:
         seen = [
@@ -300,10 +257,4 @@ def _texture(image: NDArray[Any], uv_tiles: FloatArray) -> NDArray[Any]:
     size = len(image)
     within = uv_tiles - np.floor(uv_tiles)
     x, y = within[..., 0] * size - 0.5, (1 - within[..., 1]) * size - 0.5
-    return _bilinear(image, x, y, cv2.BORDER_WRAP)
-
-
-def _bilinear(image: NDArray[Any], x: FloatArray, y: FloatArray, border: int) -> NDArray[Any]:
-    """Return an image, interpolated at (R, W) columns and rows."""
-    places = x.astype(np.float32), y.astype(np.float32)
-    return np.asarray(cv2.remap(image, *places, cv2.INTER_LINEAR, borderMode=border))
+    return bilinear(image, x, y, cv2.BORDER_WRAP)
