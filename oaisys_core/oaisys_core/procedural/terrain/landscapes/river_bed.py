@@ -17,7 +17,9 @@ from oaisys_core.procedural.terrain.processes.bedrock import lay_talus
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
 from oaisys_core.procedural.terrain.processes.river import (
+    POINTS,
     RiverBed,
+    blocks_near,
     channel_depth,
     channel_of,
     even,
@@ -32,6 +34,9 @@ WIDTH = 0.12
 OLD_STEPS, STEPS, PAINTED = 110, 60, 4
 """Steps in which the river wanders: before it cuts down, and while it does; and every how many of
 these it is drawn into the ground."""
+
+BARS = 2.2
+"""Distance from the middle line up to which bars lie, in half widths."""
 
 RATE = 0.10
 GRADIENT = 0.004
@@ -67,13 +72,15 @@ def river_bed(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     far = np.clip(np.abs(across_m) / (0.5 * domain.extent_m) - 0.3, 0.0, None)
     z = z + relief_m * 2.2 * far**2 * (1.0 + 0.6 * domain.noise(3.0, rng, octaves=4))
     line = _first_line(domain, width_m, rng)
+    reach_m = 0.5 * width_m * BARS / (1.0 + float(ragged.min())) + POINTS * width_m
     for _ in range(OLD_STEPS):
         line = wander(line, width_m, RATE)
     for step in range(STEPS + 1):
         if step % PAINTED == 0:
             level_m = 0.75 * relief_m * (1.0 - step / STEPS)
-            channel = channel_of(line, width_m, along_m, across_m)
-            z = _paint(z, channel, ragged, depth_m, level_m, rng)
+            near = blocks_near(line, reach_m, along_m, across_m)
+            channel = channel_of(line, width_m, along_m[near], across_m[near])
+            z[near] = _paint(z[near], channel, ragged[near], depth_m, level_m, rng)
         if step < STEPS:
             line = wander(line, width_m, RATE)
     z = _weather(z, domain, relief_m, rng)
@@ -97,14 +104,23 @@ def _paint(
     level_m: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Return the ground with the channel of one time cut into it, and the bars that it leaves."""
+    """Return the ground with the channel of one time cut into it, and the bars that it leaves.
+
+    Args:
+        z: (N,) heights of places near the river.
+        channel: Where these places lie beside it.
+        ragged: (N,) by how much its banks bend there, in half widths.
+        depth_m: Mean depth of the channel.
+        level_m: Height of its banks.
+        rng: Draws the height of the bars.
+    """
     off = np.abs(channel.across) * (1.0 + ragged)
     ground_m = level_m - depth_m * channel_depth(channel, 0.55)
     # Beside the bed, the bars of this time: lower than the banks, rising away from the water.
     bar_m = level_m - depth_m * np.clip(0.9 - 0.55 * (off - 1.0), 0.0, 0.9)
     bar_m = bar_m + 0.12 * depth_m * float(rng.uniform(-1.0, 1.0))
     inner = channel.bend * channel.across > 0.05
-    bars = np.where((off < 1.0), ground_m, np.where(inner & (off < 2.2), bar_m, np.inf))
+    bars = np.where((off < 1.0), ground_m, np.where(inner & (off < BARS), bar_m, np.inf))
     return np.asarray(np.where(off < 1.0, np.minimum(z, ground_m), np.minimum(z, bars)))
 
 

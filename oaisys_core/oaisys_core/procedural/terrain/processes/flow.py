@@ -33,6 +33,9 @@ FACETS = tuple(
 HALF = ((0, 1), (1, 0), (1, 1), (1, -1))
 """One offset of each pair of opposite neighbours."""
 
+BLOCK = 1 << 14
+"""Cells whose receivers are found at once, so that they stay in the processor's cache."""
+
 FAR_M = np.float32(1e15)
 """Height of what lies beyond the grid: no water runs there."""
 
@@ -124,25 +127,50 @@ def _receivers(z: FloatArray, rng: np.random.Generator | None) -> Index:
     to that of its two far corners which is drawn, so that it runs straight down on the average.
     """
     height = np.pad(z.astype(np.float32), 1, constant_values=FAR_M)
-    cols = z.shape[1]
-    steepest = np.zeros(z.shape, np.float32)
-    towards = np.zeros(z.shape, np.int32)
+    rows, cols = z.shape
     share = np.full(z.shape, 0.5, np.float32) if rng is None else rng.random(z.shape, np.float32)
-    for (row, col), turn in FACETS:
-        near = _fall(height, (row, col))
-        far = _fall(height, (row + turn[0], col + turn[1]))
-        across = np.clip(far - near, 0, np.maximum(near, 0))
-        # Beyond the diagonal, the slope along it counts.
-        straight = np.where(
-            far > 2 * near, far * np.float32(np.sqrt(0.5)), np.sqrt(near * near + across * across)
-        )
-        straight = np.where(near > 0, straight, far * np.float32(np.sqrt(0.5)))
-        goes_across = np.where(near > 0, across > share * near, True)
-        offset = np.where(goes_across, (row + turn[0]) * cols + col + turn[1], row * cols + col)
-        better = straight > steepest
-        np.copyto(steepest, straight, where=better)
-        np.copyto(towards, offset, where=better, casting="same_kind")
+    towards = np.empty(z.shape, np.int32)
+    step = max(1, BLOCK // cols)
+    for first in range(0, rows, step):
+        block = slice(first, min(first + step, rows))
+        towards[block] = _offsets(height[first : block.stop + 2], share[block])
     return np.arange(z.size, dtype=np.int32) + towards.ravel()
+
+
+def _offsets(padded: NDArray[np.float32], share: NDArray[np.float32]) -> Index:
+    """Return (rows, cols) differences of the numbers of the next cell and the own one.
+
+    Args:
+        padded: (rows + 2, cols + 2) heights, with those of the cells around.
+        share: (rows, cols) draws from 0 to 1.
+    """
+    cols = share.shape[1]
+    steepest = np.zeros(share.shape, np.float32)
+    towards = np.zeros(share.shape, np.int32)
+    for (row, col), turn in FACETS:
+        near = _fall(padded, (row, col))
+        far = _fall(padded, (row + turn[0], col + turn[1]))
+        is_up = near <= 0
+        np.maximum(near, 0, out=near)
+        across = far - near
+        np.maximum(across, 0, out=across)
+        np.minimum(across, near, out=across)
+        goes_across = across > share * near
+        goes_across |= is_up
+        # Beyond the diagonal, the slope along it counts.
+        is_beyond = far > 2 * near
+        across *= across
+        near *= near
+        across += near
+        slope = np.sqrt(across, out=across)
+        far *= np.float32(np.sqrt(0.5))
+        np.copyto(slope, far, where=is_beyond)
+        better = slope > steepest
+        np.copyto(steepest, slope, where=better)
+        straight = np.int32(row * cols + col)
+        diagonal = np.int32((row + turn[0]) * cols + col + turn[1])
+        np.copyto(towards, np.where(goes_across, diagonal, straight), where=better)
+    return towards
 
 
 def _fall(padded: NDArray[np.float32], offset: tuple[int, int]) -> NDArray[np.float32]:
@@ -181,23 +209,32 @@ def _ways_out(basin: Index, z: FloatArray, count: int) -> tuple[Index, Index]:
     flat, height = basin.ravel(), z.ravel()
     low, high = np.minimum(flat[one], flat[other]), np.maximum(flat[one], flat[other])
     level = np.maximum(height[one], height[other])
-    # Of equally high passes the first counts, so that the tree is the same everywhere.
-    order = np.argsort(level, kind="stable")
-    key = low[order].astype(np.int64) * count + high[order]
-    _, first = np.unique(key, return_index=True)
-    rank = (first + 1).astype(np.float64)
-    chosen = order[first]
-    shape = (count, count)
-    graph = scipy.sparse.csr_matrix((rank, (low[chosen], high[chosen])), shape)
+    chosen = _lowest(low.astype(np.int64) * count + high, level)
+    # Ranks instead of heights, so that the tree is the same everywhere.
+    chosen = chosen[np.argsort(level[chosen], kind="stable")]
+    rank = np.arange(1.0, len(chosen) + 1)
+    graph = scipy.sparse.csr_matrix((rank, (low[chosen], high[chosen])), (count, count))
     tree = scipy.sparse.csgraph.minimum_spanning_tree(graph)
     tree = (tree + tree.T).tocsr()
     _, parent = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
     child = np.arange(1, count)
     via = np.asarray(tree[child, parent[1:]]).ravel().astype(np.int64) - 1
-    crossing = order[via]
+    crossing = chosen[via]
     one, other = one[crossing], other[crossing]
     is_one = flat[one] == child
     return np.where(is_one, one, other), np.where(is_one, other, one)
+
+
+def _lowest(key: NDArray[np.int64], level: FloatArray) -> NDArray[np.intp]:
+    """Return the places, in their order, of the first lowest one of the passes with each key."""
+    order = np.argsort(key, kind="stable")
+    key, level = key[order], level[order]
+    starts = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1])))
+    lengths = np.diff(np.append(starts, len(key)))
+    least = np.repeat(np.minimum.reduceat(level, starts), lengths)
+    found = np.flatnonzero(level == least)
+    first = np.concatenate(([True], key[found[1:]] != key[found[:-1]]))
+    return np.sort(order[found[first]])
 
 
 def _passes(basin: Index) -> tuple[Index, Index]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
 
@@ -21,6 +22,12 @@ MEMORY = 1.2
 
 POINTS = 0.35
 """Distance between points of the middle line, in widths."""
+
+FINE = 0.08
+"""The same of the line by which places beside the river are found."""
+
+BLOCK_CELLS = 8
+"""Edge, in cells, of the blocks whose distance from a line is found at once."""
 
 FIXED = 8
 """Points at both ends that stay, so that the river enters and leaves in its own direction."""
@@ -91,15 +98,34 @@ def cut_off(line: FloatArray, width: float) -> FloatArray:
     return line
 
 
+def blocks_near(line: FloatArray, reach: float, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
+    """Return (rows, cols) whether a place is in a block of cells with places near a line.
+
+    All places within ``reach`` are, and some beyond it.
+
+    Args:
+        line: (N, 2) points.
+        reach: Largest distance from the nearest of these points.
+        x, y: (rows, cols) places of a square grid of any direction.
+    """
+    corners = np.stack((x[::BLOCK_CELLS, ::BLOCK_CELLS], y[::BLOCK_CELLS, ::BLOCK_CELLS]), axis=-1)
+    distance, _ = scipy.spatial.cKDTree(line).query(corners)
+    spacing = np.hypot(x[0, 1] - x[0, 0], y[0, 1] - y[0, 0])
+    near = distance <= reach + np.sqrt(2.0) * BLOCK_CELLS * spacing
+    rows, cols = x.shape
+    whole = near.repeat(BLOCK_CELLS, axis=0).repeat(BLOCK_CELLS, axis=1)
+    return np.asarray(whole[:rows, :cols])
+
+
 def channel_of(line: FloatArray, width: float, x: FloatArray, y: FloatArray) -> RiverBed:
     """Return where the points of a ground lie beside a river.
 
     Args:
         line: (N, 2) points of its middle line.
         width: Width of the channel.
-        x, y: (rows, cols) places.
+        x, y: Places, in arrays of any shape.
     """
-    fine = even(line, 0.08 * width)
+    fine = even(line, FINE * width)
     tree = scipy.spatial.cKDTree(fine)
     distance, near = tree.query(np.stack((x.ravel(), y.ravel()), axis=1))
     ahead = np.gradient(fine, axis=0)
@@ -109,11 +135,11 @@ def channel_of(line: FloatArray, width: float, x: FloatArray, y: FloatArray) -> 
     onward = ahead[near, 0] * dx + ahead[near, 1] * dy
     distance = np.sqrt(np.maximum(distance**2 - onward**2, 0.0))
     side = np.where(beside >= 0, 1.0, -1.0)
-    bend = scipy.ndimage.gaussian_filter1d(curvature(fine) * width, 1.2 / 0.08)
+    bend = scipy.ndimage.gaussian_filter1d(curvature(fine) * width, 1.2 / FINE)
     shape = x.shape
     return RiverBed(
         (side * distance / (0.5 * width)).reshape(shape),
-        (0.08 * near + onward / width).reshape(shape),
+        (FINE * near + onward / width).reshape(shape),
         bend[near].reshape(shape),
     )
 

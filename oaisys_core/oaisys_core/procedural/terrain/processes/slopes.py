@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from oaisys_core.procedural.terrain.processes.flow import pair
 from oaisys_core.types import FloatArray
@@ -61,19 +60,27 @@ def slide(
         share: Of what is too much, how much slides in a pass.
     """
     z = elevation_m.astype(np.float64)
-    steepest = np.broadcast_to(np.asarray(repose, np.float64), z.shape)
+    steepest = np.asarray(repose, np.float64)
     for _ in range(steps):
         change = np.zeros_like(z)
         slope = np.gradient(z, spacing_m)
         for axis in (0, 1):
             low, high = pair(z.shape, 1 - axis, axis)
-            fall = np.diff(z, axis=axis) / spacing_m
-            across = 0.5 * (slope[1 - axis][low] + slope[1 - axis][high])
-            steep = np.sqrt(fall * fall + across * across)
+            fall = np.diff(z, axis=axis)
+            fall /= spacing_m
+            steep = slope[1 - axis][low] + slope[1 - axis][high]
+            steep *= 0.5
+            steep *= steep
+            steep += fall * fall
+            np.sqrt(steep, out=steep)
             # What lies higher slides.
-            stable = np.where(fall > 0, steepest[high], steepest[low])
-            over = np.maximum(steep - stable, 0.0) / np.maximum(steep, 1e-12)
-            moved_m = fall * over * (share * spacing_m / 4)
+            uneven = steepest.ndim > 0
+            stable = np.where(fall > 0, steepest[high], steepest[low]) if uneven else steepest
+            moved_m = steep - stable
+            np.maximum(moved_m, 0.0, out=moved_m)
+            moved_m /= np.maximum(steep, 1e-12, out=steep)
+            moved_m *= fall
+            moved_m *= share * spacing_m / 4
             change[low] += moved_m
             change[high] -= moved_m
         z += change
@@ -104,10 +111,11 @@ def bound_rises(height_m: FloatArray, rises_m: tuple[float, float], rounds: int)
         rises_m: Largest rise from a cell to the next, straight, and among all eight around.
         rounds: Cells over which it is bounded.
     """
+    import cv2
+
     # Turns of crosses and squares make octagons, nearly circles.
-    square, cross = np.ones((3, 3), bool), scipy.ndimage.generate_binary_structure(2, 1)
+    shapes = [cv2.getStructuringElement(each, (3, 3)) for each in (cv2.MORPH_CROSS, cv2.MORPH_RECT)]
     for turn in range(rounds):
-        shape = square if turn % 2 else cross
-        least_m = scipy.ndimage.grey_erosion(height_m, footprint=shape, mode="nearest")
+        least_m = cv2.erode(height_m, shapes[turn % 2], borderType=cv2.BORDER_REPLICATE)
         height_m = np.minimum(height_m, least_m + rises_m[turn % 2])
     return height_m

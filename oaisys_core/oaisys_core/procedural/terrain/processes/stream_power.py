@@ -79,7 +79,10 @@ def run_water(
 
 
 def _in_order(values: float | FloatArray, flow: FlowNetwork, shape: tuple[int, ...]) -> FloatArray:
-    return np.broadcast_to(np.asarray(values, np.float64), shape).ravel()[flow.order]
+    field = np.asarray(values, np.float64)
+    if not field.ndim:
+        return np.broadcast_to(field, len(flow.order))
+    return np.broadcast_to(field, shape).ravel()[flow.order]
 
 
 def _incise(before_m: FloatArray, rate: FloatArray, flow: FlowNetwork) -> FloatArray:

@@ -11,6 +11,7 @@ from oaisys_core.procedural.terrain.processes.flow import route
 from oaisys_core.procedural.terrain.processes.ice import moraine, troughs_around
 from oaisys_core.procedural.terrain.processes.lava import LavaFlow, cinder_cone, emplace
 from oaisys_core.procedural.terrain.processes.river import (
+    blocks_near,
     channel_depth,
     channel_of,
     curvature,
@@ -110,3 +111,13 @@ def test_a_bed_is_deepest_at_the_outer_side_of_a_bend() -> None:
     # The circle runs counter-clockwise: its outer side is away from the origin.
     assert np.argmax(depth) > 25
     assert channel.across[:, 0] == pytest.approx((40.0 - y[:, 0]) / 5.0, abs=0.02)
+
+
+def test_blocks_near_a_line_hold_all_places_within_reach_and_few_others() -> None:
+    line = even(np.array([[-30.0, -8.0], [0.0, 5.0], [30.0, -2.0]]), 0.5)
+    axis = np.linspace(-20.0, 20.0, 101)
+    x, y = 0.8 * axis[None, :] + 0.6 * axis[:, None], 0.8 * axis[:, None] - 0.6 * axis[None, :]
+    distance = np.hypot(x[..., None] - line[:, 0], y[..., None] - line[:, 1]).min(axis=-1)
+    near = blocks_near(line, 3.0, x, y)
+    assert near[distance <= 3.0].all()
+    assert not near[distance > 3.0 + 2 * 8 * 0.4 * 1.42].any()
