@@ -12,6 +12,9 @@ from oaisys_core.types import FloatArray
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue (ITU-R BT.709)."""
 
+EXACT_COUNT = 1 << 24
+"""Pixels that OpenCV's histograms count exactly, in 32-bit numbers."""
+
 AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 
 
@@ -23,10 +26,16 @@ def linear(srgb: ArrayLike) -> FloatArray:
 
 def mean_linear(srgb_bytes: NDArray[np.uint8]) -> FloatArray:
     """Return the (3,) mean of the linear values of (..., 3) sRGB-encoded bytes."""
+    import cv2
+
     levels = linear(np.arange(256) / 255)
-    channels = srgb_bytes.reshape(-1, 3).T
-    counts = [np.bincount(channel, minlength=256) for channel in channels]
-    return np.array(counts) @ levels / channels.shape[1]
+    pixels = np.ascontiguousarray(srgb_bytes).reshape(-1, 1, 3)
+    counts = np.zeros((3, 256))
+    for first in range(0, len(pixels), EXACT_COUNT):
+        block = [pixels[first : first + EXACT_COUNT]]
+        for channel in range(3):
+            counts[channel] += cv2.calcHist(block, [channel], None, [256], [0, 256])[:, 0]
+    return np.asarray(counts @ levels / len(pixels))
 
 
 def srgb(linear_color: NDArray[AnyFloat]) -> NDArray[AnyFloat]:

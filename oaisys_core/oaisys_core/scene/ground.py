@@ -100,14 +100,16 @@ class HeightField(ShortRepr):
         """Return (N,) elevations of the triangulated surface at (N, 2) points; NaN outside it."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         rows, cols = self.elevation_m.shape
-        grid = (xy - np.asarray(self.origin_xy_m)) / self.spacing_m
-        inside = ((grid >= 0) & (grid <= (cols - 1, rows - 1))).all(axis=1)
-        safe = np.where(inside[:, None], grid, 0.0)
-        cell = np.minimum(np.floor(safe), (cols - 2, rows - 2)).astype(np.intp)
-        s, t = (safe - cell).T
-        z = self.elevation_m.astype(np.float64, copy=False)
-        z00, z10 = z[cell[:, 1], cell[:, 0]], z[cell[:, 1], cell[:, 0] + 1]
-        z01, z11 = z[cell[:, 1] + 1, cell[:, 0]], z[cell[:, 1] + 1, cell[:, 0] + 1]
+        x, y = ((xy - np.asarray(self.origin_xy_m)) / self.spacing_m).T.copy()
+        inside = (x >= 0) & (x <= cols - 1) & (y >= 0) & (y <= rows - 1)
+        x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+        col, row = np.minimum(np.floor(x), cols - 2), np.minimum(np.floor(y), rows - 2)
+        s, t = x - col, y - row
+        corner = row.astype(np.intp) * cols + col.astype(np.intp)
+        z00, z10, z01, z11 = (
+            self.elevation_m.take(corner + after).astype(np.float64)
+            for after in (0, 1, cols, cols + 1)
+        )
         lower = z00 + s * (z10 - z00) + t * (z11 - z10)
         upper = z00 + t * (z01 - z00) + s * (z11 - z01)
         return np.where(inside, np.where(s >= t, lower, upper), np.nan)
