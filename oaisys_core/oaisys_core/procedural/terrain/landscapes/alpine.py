@@ -19,7 +19,7 @@ from oaisys_core.procedural.terrain.processes.flow import edge_cells, route
 from oaisys_core.procedural.terrain.processes.ice import moraine, troughs_around
 from oaisys_core.types import FloatArray
 
-PLAN = ((80, 1.2), (24, 0.04), (12, 0.015), (5, 0.004))
+PLAN = ((80, 1.2), (24, 0.08), (12, 0.015), (5, 0.004))
 """Steps and age on each grid, from the coarsest on."""
 
 ICE_PX = 193

@@ -77,18 +77,20 @@ def ridges(
         period: Size of the lattice in cells, after which it repeats.
     """
     points = _draw_points(rng, period)
-    steepness = np.sqrt((downhill * downhill).sum(axis=1))
-    across = np.stack((-downhill[:, 1], downhill[:, 0]), axis=1)
-    across /= np.maximum(steepness, 1e-12)[:, None]
+    x, y = xy.T
+    down_x, down_y = downhill.T
+    steepness = np.maximum(np.sqrt(down_x * down_x + down_y * down_y), 1e-12)
+    across_x, across_y = -down_y / steepness, down_x / steepness
     crest, side = np.empty((2, len(xy)), np.float32)
     for block in _blocks(len(xy)):
-        crest[block], side[block] = _sum_waves(xy[block], across[block], points)
+        across = across_x[block], across_y[block]
+        crest[block], side[block] = _sum_waves(x[block], y[block], across, points)
     # With the phase p: 1 - 2 |sin(p / 2)|, a crest where p is 0.
     half_sine = np.sqrt(np.maximum(0.5 * (1.0 - crest), 0.0)).astype(np.float64)
     height = (1.0 - 2.0 * half_sine - MEAN_FORM) / FORM_DEVIATION
     # Of a cosine, which has no slope on crests either: gullies fade towards them.
-    fall = -side * (2 * np.pi * WAVES / FORM_DEVIATION)
-    return Forms(height, fall[:, None] * across)
+    fall = side * (-2 * np.pi * WAVES / FORM_DEVIATION)
+    return Forms(height, np.stack((fall * across_x, fall * across_y)).T)
 
 
 def craters(xy: FloatArray, rng: np.random.Generator, period: int = LATTICE) -> FloatArray:
@@ -103,69 +105,115 @@ def craters(xy: FloatArray, rng: np.random.Generator, period: int = LATTICE) -> 
     least, most = RADII
     sizes, ages = rng.random((2, period * period), np.float32)
     # Small craters are more frequent than large ones.
-    radii = least + (most - least) * sizes * sizes * sizes
-    fresh = 0.15 + 0.85 * ages * ages
+    radii = _with_margin((least + (most - least) * sizes * sizes * sizes).reshape(period, period))
+    fresh = _with_margin((0.15 + 0.85 * ages * ages).reshape(period, period))
+    x, y = xy.T
     total = np.zeros(len(xy))
     for block in _blocks(len(xy)):
-        for offset_x, offset_y, cell in _neighbours(xy[block], points):
-            r = np.sqrt(offset_x * offset_x + offset_y * offset_y) / radii[cell]
-            bowl = 2 * (RIM - DEPTH * fresh[cell] * (1.0 - r * r))
+        for offset_x, offset_y, cell in _neighbours(x[block], y[block], points):
+            radius = radii.take(cell)
+            r = np.sqrt(offset_x * offset_x + offset_y * offset_y) / radius
+            bowl = 2 * (RIM - DEPTH * fresh.take(cell) * (1.0 - r * r))
             fading = np.clip((1.0 + EJECTA - r) / EJECTA, 0.0, 1.0)
             blanket = 2 * RIM * fading * fading * fading
-            total[block] += radii[cell] * np.where(r < 1.0, np.minimum(bowl, blanket), blanket)
+            total[block] += radius * np.where(r < 1.0, np.minimum(bowl, blanket), blanket)
     return total / CRATER_DEVIATION
 
 
-def _draw_points(rng: np.random.Generator, period: int) -> Field:
-    """Return (period, period, 2) places of the points in their cells."""
+class _Lattice(NamedTuple):
+    """Places of the points in their cells, with a margin of a cell.
+
+    Attributes:
+        period: Size of the lattice in cells.
+        x, y: ((period + 2)^2,) the places, row by row.
+    """
+
+    period: int
+    x: Field
+    y: Field
+
+
+def _draw_points(rng: np.random.Generator, period: int) -> _Lattice:
     drawn = rng.uniform(-1.0, 1.0, (period, period, 2))
-    return np.asarray(0.5 + JITTER * drawn, np.float32)
+    places = np.asarray(0.5 + JITTER * drawn, np.float32)
+    return _Lattice(period, _with_margin(places[..., 0]), _with_margin(places[..., 1]))
+
+
+def _with_margin(values: Field) -> Field:
+    """Return the ((period + 2)^2,) values of the cells of a lattice and of a margin around them."""
+    return np.pad(values, 1, mode="wrap").ravel()
 
 
 def _blocks(count: int) -> Iterator[slice]:
     return (slice(first, first + BLOCK) for first in range(0, count, BLOCK))
 
 
-def _neighbours(xy: FloatArray, points: Field) -> Iterator[tuple[Field, Field, NDArray[np.intp]]]:
+def _neighbours(
+    x: FloatArray, y: FloatArray, points: _Lattice
+) -> Iterator[tuple[Field, Field, NDArray[np.intp]]]:
     """Yield offsets in x and y of places from the points of the nine cells around, and these cells.
 
-    All are (N,), and cells are counted row by row.
+    All are (N,), may be overwritten, and cells are those of the lattice with its margin.
     """
-    period = len(points)
-    low = np.floor(xy)
-    x, y = (xy - low).astype(np.float32).T.copy()
-    column, row = low.astype(np.intp).T % period
-    places = points.reshape(-1, 2).T.copy()
+    low_x, low_y = np.floor(x), np.floor(y)
+    x, y = (x - low_x).astype(np.float32), (y - low_y).astype(np.float32)
+    wide = points.period + 2
+    corner = low_y.astype(np.intp) % points.period * wide + low_x.astype(np.intp) % points.period
     for north in (-1, 0, 1):
-        rows = (row + north) % period * period
         for east in (-1, 0, 1):
-            cell = rows + (column + east) % period
-            from_x = x - np.float32(east) - places[0][cell]
-            from_y = y - np.float32(north) - places[1][cell]
+            cell = corner + ((north + 1) * wide + east + 1)
+            from_x = x - np.float32(east)
+            from_x -= points.x.take(cell)
+            from_y = y - np.float32(north)
+            from_y -= points.y.take(cell)
             yield from_x, from_y, cell
 
 
-def _sum_waves(xy: FloatArray, across: FloatArray, points: Field) -> tuple[Field, Field]:
+def _sum_waves(
+    x: FloatArray, y: FloatArray, across: tuple[FloatArray, FloatArray], points: _Lattice
+) -> tuple[Field, Field]:
     """Return the (N,) cosine and sine of the phase of the waves around each place.
 
     Both are smaller where waves cancel each other.
     """
-    crest, side, weights = np.zeros((3, len(xy)), np.float32)
-    along_x, along_y = (WAVES * across).astype(np.float32).T.copy()
-    for offset_x, offset_y, _ in _neighbours(xy, points):
-        squared = offset_x * offset_x + offset_y * offset_y
-        weight = np.maximum(np.float32(1) - squared * np.float32(1 / REACH**2), np.float32(0))
+    crest, side, weights = np.zeros((3, len(x)), np.float32)
+    along_x, along_y = ((WAVES * each).astype(np.float32) for each in across)
+    for offset_x, offset_y, _ in _neighbours(x, y, points):
+        turns = offset_x * along_x
+        turns += offset_y * along_y
+        weight = np.square(offset_x, out=offset_x)
+        weight += np.square(offset_y, out=offset_y)
+        weight *= np.float32(-1 / REACH**2)
+        weight += np.float32(1)
+        np.maximum(weight, np.float32(0), out=weight)
         weight *= weight
-        turns = offset_x * along_x + offset_y * along_y
-        crest += weight * _cosine(turns)
-        side += weight * _cosine(turns - np.float32(0.25))
         weights += weight
+        cosine, sine = _wave(turns)
+        cosine *= weight
+        crest += cosine
+        sine *= weight
+        side += sine
     length = np.sqrt(crest * crest + side * side)
     length = np.maximum(length, np.float32(CLEAR) * weights + np.float32(1e-12))
     return crest / length, side / length
 
 
-def _cosine(turns: Field) -> Field:
-    """Return about the cosine of angles in turns, from parabolas."""
-    share = np.float32(2) * np.abs(turns - np.rint(turns))
-    return np.asarray(np.float32(1) - share * share * (np.float32(6) - np.float32(4) * share))
+def _wave(turns: Field) -> tuple[Field, Field]:
+    """Return about the cosine and the sine of angles in turns, from parabolas."""
+    turns = turns - np.rint(turns)
+    share = np.abs(turns)
+    share *= np.float32(2)
+    cosine = _fall(share)
+    share -= np.float32(0.5)
+    np.abs(share, out=share)
+    return cosine, np.copysign(_fall(share), turns)
+
+
+def _fall(share: Field) -> Field:
+    """Return a smooth fall from 1 over 0 at a half to -1, over shares from 0 to 1."""
+    fall = np.float32(4) * share
+    fall -= np.float32(6)
+    fall *= share
+    fall *= share
+    fall += np.float32(1)
+    return fall

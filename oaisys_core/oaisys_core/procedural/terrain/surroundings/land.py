@@ -7,7 +7,7 @@ extrapolated. The body's curvature lowers it with the square of the distance fro
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from math import sqrt
 
 import numpy as np
@@ -18,9 +18,13 @@ from oaisys_core.procedural.terrain.surroundings.border import Border, BorderCon
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.horizon import HorizonView
 from oaisys_core.procedural.terrain.surroundings.land_detail import LandReliefPattern
-from oaisys_core.procedural.terrain.surroundings.octaves import Shaper, octave_heights
+from oaisys_core.procedural.terrain.surroundings.octaves import (
+    OctaveHeights,
+    Shaper,
+    octave_heights,
+)
 from oaisys_core.procedural.terrain.surroundings.rings import Ring, rings_around, triangles_between
-from oaisys_core.procedural.terrain.surroundings.spectrum import Octave, longer_octaves, own_octaves
+from oaisys_core.procedural.terrain.surroundings.spectrum import longer_octaves, own_octaves
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray
 
@@ -70,17 +74,15 @@ def land_around(
     own = own_octaves(stage)
     octaves = [*own, *longer_octaves(own, LONGEST_WAVE_M)]
 
-    def heights_of(octaves: list[Octave]) -> FloatArray:
-        rngs = _streams(border, seed, len(octaves))
-        raised_m = height_m + relief(xy_m, distance_m, spacing_m, octaves, rngs, shaped_by)
-        return raised_m - curvature_drop_m(distance_m, body_radius_m)
-
+    rngs = _streams(border, seed, len(octaves))
+    formed = octave_heights(xy_m, spacing_m, octaves, rngs, shaped_by)
+    own_m, longer_m = _relief(distance_m, formed, own[-1].wavelength_m)
+    own_m += height_m - curvature_drop_m(distance_m, body_radius_m)
     if highest_rad is not None:
-        view = HorizonView(stage, xy_m)
-        least = [*own, *(each._replace(share=0.0) for each in octaves[len(own) :])]
-        share = _share_below(highest_rad, view, heights_of(least), heights_of(octaves))
+        share = _share_below(highest_rad, HorizonView(stage, xy_m), own_m, own_m + longer_m)
+        longer_m *= share
         octaves = [*own, *(each._replace(share=share) for each in octaves[len(own) :])]
-    height_m = heights_of(octaves)
+    height_m = own_m + longer_m
     vertices_m = np.column_stack((xy_m, height_m)).astype(np.float32)
     triangles = triangles_between(rings)
     wall_m, wall_triangles = _skirt(vertices_m[: len(rings[0].along)], len(vertices_m))
@@ -120,28 +122,21 @@ def curvature_drop_m(distance_m: FloatArray, body_radius_m: float) -> FloatArray
     return np.asarray(distance_m**2 / (2 * body_radius_m))
 
 
-def relief(
-    xy_m: FloatArray,
-    distance_m: FloatArray,
-    spacing_m: FloatArray,
-    octaves: list[Octave],
-    rngs: list[np.random.Generator],
-    shaped_by: Shaper = "water",
-) -> FloatArray:
-    """Return (N,) heights of a relief with a spectrum.
+def _relief(
+    distance_m: FloatArray, formed: Iterable[OctaveHeights], longest_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return (N,) sums of the octaves up to a wavelength, and of the longer ones.
 
     Args:
-        xy_m: (N, 2) points.
-        distance_m: (N,) their distances from the stage, by which the octaves set in.
-        spacing_m: (N,) distances between points there, by which short octaves are left out.
-        octaves: The spectrum.
-        rngs: Draw each octave.
-        shaped_by: What made its forms.
+        distance_m: (N,) distances from the stage, by which the octaves set in.
+        formed: The octaves.
+        longest_m: The wavelength.
     """
-    total_m = np.zeros(len(xy_m))
-    for octave, here, height_m in octave_heights(xy_m, spacing_m, octaves, rngs, shaped_by):
+    own_m, longer_m = np.zeros((2, len(distance_m)))
+    for octave, here, height_m in formed:
+        total_m = own_m if octave.wavelength_m <= longest_m else longer_m
         total_m[here] += _step(distance_m[here] / (ONSET * octave.wavelength_m)) * height_m
-    return total_m
+    return own_m, longer_m
 
 
 def endless_relief(
@@ -166,7 +161,7 @@ def endless_relief(
     shaped_by = land.detail.shaped_by
     for octave, here, height_m in octave_heights(points_m, apart_m, octaves, rngs, shaped_by):
         whole_m = np.zeros(len(points_m))
-        whole_m[here] = height_m
+        whole_m[here] = octave.share * height_m
         yield octave.wavelength_m, whole_m.reshape(shape)
 
 

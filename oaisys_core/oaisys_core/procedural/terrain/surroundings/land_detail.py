@@ -7,7 +7,7 @@ that is laid over them as a bump map: one pattern in several sizes, each with th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -55,7 +55,7 @@ class LandReliefPattern:
 
     Attributes:
         octaves: Spectrum of the relief.
-        seed: Seed of the pattern.
+        seed: Seed of the places at which the pattern begins.
         shaped_by: What made the land's forms.
     """
 
@@ -63,22 +63,10 @@ class LandReliefPattern:
     seed: int
     shaped_by: Shaper = "water"
 
-    @cached_property
+    @property
     def pattern(self) -> Field:
-        """(SIZE_PX, SIZE_PX) tileable heights with standard deviation 1."""
-        rng = randomness.stream(self.seed, "detail")
-        cycles = np.hypot(
-            np.fft.fftfreq(SIZE_PX, 1 / SIZE_PX)[:, None], np.fft.rfftfreq(SIZE_PX, 1 / SIZE_PX)
-        )
-        shortest = SIZE_PX / TEXELS
-        gain = np.maximum(cycles, 1.0) ** -FALL
-        gain *= np.clip(cycles * RATIO / shortest, 0, 1) ** 3 * (cycles <= shortest)
-        noise = filter_noise(SIZE_PX, gain.astype(np.float32), rng)
-        if self.shaped_by == "wind":
-            return noise
-        spectrum = np.fft.rfft2(_formed(noise, self.shaped_by, rng)) * (cycles <= shortest)
-        formed = np.fft.irfft2(spectrum, noise.shape)
-        return np.asarray(formed / formed.std(), np.float32)
+        """(SIZE_PX, SIZE_PX) tileable heights with standard deviation 1, the same in all worlds."""
+        return _pattern(self.shaped_by)
 
     @property
     def bands(self) -> list[ReliefBand]:
@@ -108,6 +96,25 @@ class LandReliefPattern:
         found_m *= np.minimum(waves_m / known_m[0], 1.0) ** EXPONENT
         bounded_m = np.clip(found_m, MIN_STEEPNESS * waves_m, MAX_STEEPNESS * waves_m)
         return float(np.sqrt(np.sum(bounded_m**2)))
+
+
+@lru_cache
+def _pattern(shaped_by: Shaper) -> Field:
+    """Return the pattern of lands of one kind; worlds begin it at places of their own."""
+    rng = randomness.stream(0, "detail")
+    cycles = np.hypot(
+        np.fft.fftfreq(SIZE_PX, 1 / SIZE_PX)[:, None], np.fft.rfftfreq(SIZE_PX, 1 / SIZE_PX)
+    )
+    shortest = SIZE_PX / TEXELS
+    gain = np.maximum(cycles, 1.0) ** -FALL
+    gain *= np.clip(cycles * RATIO / shortest, 0, 1) ** 3 * (cycles <= shortest)
+    pattern = filter_noise(SIZE_PX, gain.astype(np.float32), rng)
+    if shaped_by != "wind":
+        spectrum = np.fft.rfft2(_formed(pattern, shaped_by, rng)) * (cycles <= shortest)
+        formed = np.fft.irfft2(spectrum, pattern.shape)
+        pattern = np.asarray(formed / formed.std(), np.float32)
+    pattern.setflags(write=False)
+    return pattern
 
 
 def _formed(noise: Field, shaped_by: Shaper, rng: np.random.Generator) -> FloatArray:

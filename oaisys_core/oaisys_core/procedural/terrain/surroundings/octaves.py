@@ -6,7 +6,7 @@ Water cuts gullies down the slopes of all longer forms, impacts leave craters, a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,14 +56,32 @@ STEP = 0.05
 """Distance in cells over which slopes of noise are found."""
 
 
+Places = slice | NDArray[np.intp]
+"""Some of N points; a slice where they follow each other, which spares copies."""
+
+
+class OctaveHeights(NamedTuple):
+    """Heights of an octave at P of N points.
+
+    Attributes:
+        octave: The octave.
+        here: The points that can have it.
+        height_m: (P,) its heights, of a `share` of 1.
+    """
+
+    octave: Octave
+    here: Places
+    height_m: FloatArray
+
+
 def octave_heights(
     xy_m: FloatArray,
     spacing_m: FloatArray,
     octaves: list[Octave],
     rngs: list[np.random.Generator],
     shaped_by: Shaper,
-) -> Iterator[tuple[Octave, NDArray[np.intp], FloatArray]]:
-    """Yield each octave from the longest on, the points that can have it, and its heights there.
+) -> Iterator[OctaveHeights]:
+    """Yield the heights of each octave, from the longest on.
 
     Args:
         xy_m: (N, 2) points.
@@ -72,7 +90,8 @@ def octave_heights(
         rngs: Draw each octave.
         shaped_by: What made its forms.
     """
-    slope = np.zeros((len(xy_m), 2))
+    x_m, y_m = (np.ascontiguousarray(axis) for axis in xy_m.T)
+    slope = np.zeros((2, len(xy_m)))
     usual = 0.0
     for index in reversed(range(len(octaves))):
         octave = octaves[index]
@@ -80,10 +99,10 @@ def octave_heights(
         octave = octave._replace(deviation_m=deviation_m)
         has_forms = shaped_by != "wind" and index < len(octaves) - UNCUT
         share = resolvable_share(octave, spacing_m * (SHARPER if has_forms else 1.0))
-        here = np.flatnonzero(share > 0)
-        if not len(here) or not octave.deviation_m:
+        here = _places(share > 0)
+        if here is None or not octave.deviation_m:
             continue
-        place = _Place(xy_m[here], octave, index)
+        place = _Place(x_m[here], y_m[here], octave, index)
         if has_forms and shaped_by == "water":
             height_m = place.with_gullies(slope, here, usual, rngs[index])
         elif has_forms:
@@ -91,7 +110,7 @@ def octave_heights(
         else:
             height_m = place.swells(slope, here, rngs[index])
         usual = np.sqrt(usual**2 + (2 * np.pi * octave.deviation_m / octave.wavelength_m) ** 2)
-        yield octave, here, octave.share * share[here] * height_m
+        yield OctaveHeights(octave, here, share[here] * height_m)
 
 
 def resolvable_share(octave: Octave, spacing_m: FloatArray) -> FloatArray:
@@ -101,55 +120,76 @@ def resolvable_share(octave: Octave, spacing_m: FloatArray) -> FloatArray:
     return np.asarray(share * share * (3.0 - 2.0 * share))
 
 
+def _places(chosen: NDArray[np.bool_]) -> Places | None:
+    """Return the chosen ones of (N,) points; None for none."""
+    here = np.flatnonzero(chosen)
+    if not len(here):
+        return None
+    first, last = int(here[0]), int(here[-1])
+    return slice(first, last + 1) if last + 1 - first == len(here) else here
+
+
 class _Place:
     """Points on the lattice of an octave, turned against those of the others."""
 
-    def __init__(self, xy_m: FloatArray, octave: Octave, index: int) -> None:
-        turn = TURN_RAD * index
-        self._axes = np.array(((np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))))
+    def __init__(self, x_m: FloatArray, y_m: FloatArray, octave: Octave, index: int) -> None:
+        self._cosine, self._sine = np.cos(TURN_RAD * index), np.sin(TURN_RAD * index)
         self._cell_m = CELLS * octave.wavelength_m
-        self._xy = xy_m @ self._axes / self._cell_m
+        x, y = self._turned(x_m, y_m)
+        self._x, self._y = x / self._cell_m, y / self._cell_m
         self._deviation_m = octave.deviation_m
 
-    def swells(
-        self, slope: FloatArray, here: NDArray[np.intp], rng: np.random.Generator
-    ) -> FloatArray:
+    def swells(self, slope: FloatArray, here: Places, rng: np.random.Generator) -> FloatArray:
         """Return (P,) heights of noise, and add its slopes to those of the P points ``here``."""
         gradients = rng.bit_generator.state
-        height_m = self._noise(np.zeros(2), rng)
+        height_m = self._noise(0.0, 0.0, rng)
         rises = []
-        for axis in np.eye(2):
+        for east, north in ((STEP, 0.0), (0.0, STEP)):
             rng.bit_generator.state = gradients
-            rises.append((self._noise(STEP * axis, rng) - height_m) / (STEP * self._cell_m))
-        slope[here] += np.stack(rises, axis=1) @ self._axes.T
+            rises.append((self._noise(east, north, rng) - height_m) / (STEP * self._cell_m))
+        self._add_slope(slope, here, *rises)
         return height_m
 
     def with_gullies(
-        self, slope: FloatArray, here: NDArray[np.intp], usual: float, rng: np.random.Generator
+        self, slope: FloatArray, here: Places, usual: float, rng: np.random.Generator
     ) -> FloatArray:
         """Return (P,) heights of ridges down the slopes, and add theirs to them.
 
         Args:
-            slope: (N, 2) slopes of the longer octaves.
+            slope: (2, N) slopes of the longer octaves along x and y.
             here: Which of the N points these are.
             usual: Standard deviation of these slopes.
             rng: Draws the ridges.
         """
-        down = slope[here]
-        steepness = np.sqrt((down * down).sum(axis=1))
-        forms = ridges(self._xy, down @ self._axes, rng)
-        share = FORMED * np.minimum(steepness / max(usual, 1e-12), STEEPEST) * self._deviation_m
-        slope[here] += (share / self._cell_m)[:, None] * (forms.slope @ self._axes.T)
-        noise_m = np.sqrt(1 - FORMED**2) * self._noise(np.zeros(2), rng)
-        return np.asarray(share * forms.height + noise_m)
+        down_x, down_y = slope[0, here], slope[1, here]
+        steepness = np.sqrt(down_x * down_x + down_y * down_y)
+        downhill = np.stack(self._turned(down_x, down_y)).T
+        forms = ridges(np.stack((self._x, self._y)).T, downhill, rng)
+        share = steepness * (FORMED / max(usual, 1e-12))
+        np.minimum(share, FORMED * STEEPEST, out=share)
+        share *= self._deviation_m
+        rise = share / self._cell_m
+        self._add_slope(slope, here, rise * forms.slope[:, 0], rise * forms.slope[:, 1])
+        height_m = share * forms.height
+        height_m += np.sqrt(1 - FORMED**2) * self._noise(0.0, 0.0, rng)
+        return height_m
 
     def with_craters(self, rng: np.random.Generator) -> FloatArray:
         """Return (P,) heights of craters on noise; no crater is deeper than a fresh one."""
-        noise_m = np.sqrt(1 - FORMED**2) * self._noise(np.zeros(2), rng)
+        noise_m = np.sqrt(1 - FORMED**2) * self._noise(0.0, 0.0, rng)
         deviation_m = min(FORMED * self._deviation_m, CRATER_DEVIATION * self._cell_m)
-        return np.asarray(deviation_m * craters(self._xy, rng) + noise_m)
+        heights = craters(np.stack((self._x, self._y)).T, rng)
+        return np.asarray(deviation_m * heights + noise_m)
 
-    def _noise(self, shift: FloatArray, rng: np.random.Generator) -> FloatArray:
-        x, y = (self._xy + shift).T
-        noise = gradient_noise(x, y, rng, LATTICE).astype(np.float64)
-        return noise * (self._deviation_m / NOISE_DEVIATION)
+    def _turned(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return vectors of the land in the axes of the lattice."""
+        return x * self._cosine + y * self._sine, y * self._cosine - x * self._sine
+
+    def _add_slope(self, slope: FloatArray, here: Places, x: FloatArray, y: FloatArray) -> None:
+        """Add slopes along the axes of the lattice to those of the land."""
+        slope[0, here] += x * self._cosine - y * self._sine
+        slope[1, here] += x * self._sine + y * self._cosine
+
+    def _noise(self, east: float, north: float, rng: np.random.Generator) -> FloatArray:
+        noise = gradient_noise(self._x + east, self._y + north, rng, LATTICE)
+        return noise.astype(np.float64) * (self._deviation_m / NOISE_DEVIATION)
