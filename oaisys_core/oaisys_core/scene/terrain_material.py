@@ -5,7 +5,7 @@ All coordinates are in ``map`` (metres, z up).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -131,6 +131,22 @@ class Variation:
 
 
 @dataclass(frozen=True)
+class DeferredImage:
+    """An image that is made when it is first asked for, and kept: many views show no colour.
+
+    Attributes:
+        make: Returns the (H, W, C) uint8 image; in every process the same one.
+    """
+
+    make: Callable[[], NDArray[np.uint8]]
+
+    @cached_property
+    def pixels(self) -> NDArray[np.uint8]:
+        """(H, W, C) uint8."""
+        return self.make()
+
+
+@dataclass(frozen=True)
 class TerrainMaterial:
     """Layers of the ground, blended with one weight mask per layer.
 
@@ -143,7 +159,7 @@ class TerrainMaterial:
         variation: Slow change of colour over the ground.
         projects_sides: Whether textures are projected onto steep slopes from the side instead of
             from above.
-        tone: (T, T, 3) uint8 factors on the linear colour over the extent, from `MIN_TONE` to
+        tone: (T, T, 3) factors on the linear colour over the extent, from `MIN_TONE` to
             `MAX_TONE`, row 0 at min_y; those of its edge go on beyond it. None for none.
         macro: Variation of colour from metres to kilometres; None for none.
         land: Weights of the layers on the land around the extent; None if there is no land.
@@ -160,7 +176,7 @@ class TerrainMaterial:
     label_cell_m: float | None = None
     variation: Variation = Variation()
     projects_sides: bool = False
-    tone: NDArray[np.uint8] | None = None
+    tone: DeferredImage | None = None
     macro: MacroVariation | None = None
     land: LandMasks | None = None
     wet_bank_m: tuple[float, float] | None = None

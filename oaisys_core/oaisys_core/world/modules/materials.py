@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import radians
 
 import numpy as np
@@ -28,7 +29,7 @@ from oaisys_core.scene.photometric_laws import (
     PhotometricLaw,
 )
 from oaisys_core.scene.surroundings import MacroVariation
-from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
+from oaisys_core.scene.terrain_material import DeferredImage, TerrainMaterial, Variation
 from oaisys_core.world.module import Metadata, Module, World, override, require
 from oaisys_core.world.modules.layer_weights import land_weights, layer_weights
 from oaisys_core.world.modules.layers import (
@@ -155,12 +156,13 @@ def _tone(
     green: Sequence[bool],
     ground: Ground,
     rng: np.random.Generator,
-) -> NDArray[np.uint8] | None:
+) -> DeferredImage | None:
     variation = config.variation
     if variation.scale_m is not None or not (variation.brightness or variation.tint):
         return None
     strength = Variation(**variation.model_dump())
-    return ground_tone(ground, masks, green, strength, randomness.child(rng, "tone"))
+    own_rng = randomness.child(rng, "tone")
+    return DeferredImage(partial(ground_tone, ground, masks, green, strength, own_rng))
 
 
 def _macro_variation(config: MaterialsConfig, rng: np.random.Generator) -> MacroVariation | None:

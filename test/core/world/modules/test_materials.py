@@ -241,3 +241,15 @@ def test_displacement_moves_the_stage_and_its_hash() -> None:
     assert 0.01 < np.ptp(change_m) < 0.2
     again = world_of(config(layers=raised, displacement="geometry"))
     assert again.stage_hash == geometry.stage_hash
+
+
+def test_the_ground_s_tone_is_made_where_colour_is_asked_for_and_always_the_same() -> None:
+    first, second = (world_of(config()).material for _ in range(2))
+    assert first is not None
+    assert second is not None
+    assert first.tone is not None
+    assert second.tone is not None
+    assert "pixels" not in vars(first.tone)
+    assert first.tone.pixels.shape == (64, 64, 3)
+    assert first.tone.pixels is first.tone.pixels
+    np.testing.assert_array_equal(first.tone.pixels, second.tone.pixels)

@@ -49,8 +49,8 @@ class GroundMasks:
     def tone(self, xy_m: FloatArray) -> Floats:
         """Return the (N, 3) factors of the ground's tone at (N, 2) points."""
         assert self._tone is not None
-        x, y = (each.astype(np.float32) for each in self._place(xy_m, self._tone))
-        share = sample(self._tone, x, y, cv2.BORDER_REPLICATE)
+        x, y = (each.astype(np.float32) for each in self._place(xy_m, self._tone.pixels))
+        share = sample(self._tone.pixels, x, y, cv2.BORDER_REPLICATE)
         return np.asarray(share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE))
 
     def _place(self, xy_m: FloatArray, image: NDArray[Any]) -> tuple[FloatArray, FloatArray]:

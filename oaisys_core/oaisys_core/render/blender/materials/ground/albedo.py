@@ -172,8 +172,8 @@ class GroundAlbedo:
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
         tone = self._material.tone
         if tone is not None:
-            places = places_on_stage(self._material, xy_m, len(tone))
-            share = bilinear(tone, *places, cv2.BORDER_REPLICATE)
+            places = places_on_stage(self._material, xy_m, len(tone.pixels))
+            share = bilinear(tone.pixels, *places, cv2.BORDER_REPLICATE)
             color *= share * np.float32((MAX_TONE - MIN_TONE) / 255) + np.float32(MIN_TONE)
         if self._macro is not None:
             share = _texture(self._macro, xy_m / self._macro_period_m)

@@ -73,7 +73,7 @@ class GroundMaterials:
             macro=None
             if material.macro is None
             else _factor_image("macro_variation", material.macro.share),
-            tone=None if material.tone is None else _factor_image("tone", material.tone),
+            tone=None if material.tone is None else _factor_image("tone", material.tone.pixels),
             tilings={},
             glossy={
                 id(layer.maps): is_glossy(layer.maps) and not material.is_lambertian

@@ -1,6 +1,7 @@
 """The ground's albedo without noise is what many samples of Cycles see."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from oaisys_core.procedural.terrain.surroundings.land import land_around
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks
 from oaisys_core.scene import HeightField, PbrMaps, Scene, TerrainLayer, TerrainMaterial
 from oaisys_core.scene.sky import Haze
-from oaisys_core.scene.terrain_material import Variation
+from oaisys_core.scene.terrain_material import DeferredImage, Variation
 from oaisys_core.scene.tiling import stochastic_tiling, voronoi_tiling
 from oaisys_core.types import RGB, PinholeIntrinsics
 
@@ -74,9 +75,10 @@ def cases() -> dict[str, Scene]:
     shiny = replace(layers[1].maps, roughness=np.full((256, 256), 10, np.uint8))
     colored = Variation(brightness=0.5, tint=0.2)
     stochastic = replace(layers[1], tiling=stochastic_tiling(2.0, rng))
+    tone = DeferredImage(partial(np.asarray, rng.integers(0, 256, (32, 32, 3), np.uint8)))
     return {
         "layers": world(*layers, variation=colored),
-        "tone": world(*layers, tone=rng.integers(0, 256, (32, 32, 3), np.uint8)),
+        "tone": world(*layers, tone=tone),
         "haze": replace(world(*layers[:1]), sky=replace(SUNNY, haze=HAZY)),
         "gentle": world(layers[0], slope=0.3, projects_sides=True),
         "steep": world(layers[0], slope=2.0, projects_sides=True),
@@ -87,7 +89,7 @@ def cases() -> dict[str, Scene]:
                 *layers[:2],
                 variation=colored,
                 macro=MacroPattern(1.0, 3),
-                tone=rng.integers(0, 256, (32, 32, 3), np.uint8),
+                tone=tone,
             )
         ),
         "shiny": world(layers[0], replace(layers[1], maps=shiny)),
