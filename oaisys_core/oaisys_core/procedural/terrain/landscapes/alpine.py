@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from oaisys_core import randomness
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
@@ -12,6 +13,7 @@ from oaisys_core.procedural.terrain.landform import (
     unevenness,
 )
 from oaisys_core.procedural.terrain.landscapes.domain import COARSEST_PX, domain_of, stages_of
+from oaisys_core.procedural.terrain.processes.bedrock import break_rock
 from oaisys_core.procedural.terrain.processes.debris import drop_debris
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, upsample
 from oaisys_core.procedural.terrain.processes.exact import tangent
@@ -27,6 +29,10 @@ ICE_PX = 193
 
 SCREE_DEG = 35.0
 ROCK_DEG = 52.0
+
+JOINTS = (0.3, 0.29, 0.1, 0.09)
+"""Spacing of joints in the height of the mountains: large ones part buttresses, small ones blocks,
+and each size has joints of two directions."""
 
 
 def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -56,7 +62,18 @@ def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         z = erode(z, spacing_m, erosion, rng, steps=steps, outlets=outlets).elevation_m
         if size_px > COARSEST_PX:
             z = _shed(z, spacing_m, height_m, domain.at_size(crags, size_px), rng)
-    return subtract_median(domain.cut(z, spec) + spec.roughness * 0.3 * unevenness(spec, rng))
+    rock_m = _break_walls(domain.cut(z, spec), spec, height_m, rng)
+    return subtract_median(rock_m + spec.roughness * 0.3 * unevenness(spec, rng))
+
+
+def _break_walls(
+    z: FloatArray, spec: GroundSpec, height_m: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return the ground with buttresses, towers and ledges between joints where rock is bare."""
+    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    for index, share in enumerate(JOINTS):
+        z = break_rock(z, spacing_m, share * height_m, randomness.child(rng, f"walls/{index}"))
+    return z
 
 
 def _glaciate(

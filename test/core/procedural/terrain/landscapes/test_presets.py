@@ -11,7 +11,7 @@ from oaisys_core.procedural.terrain.presets import SHAPED, make_ground
 from tools.gallery.geomorphometry import concavity, crater_exponents, measure
 
 DIGESTS = {
-    "alpine": "25fb569769b072d9",
+    "alpine": "655180d09b66ed28",
     "badlands": "d30d5b46b6b8f9ab",
     "canyon": "f3c318e4db2f33bf",
     "crater_field": "e80f6146d4707292",
