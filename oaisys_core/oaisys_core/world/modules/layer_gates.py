@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +44,11 @@ def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]
         result = np.minimum(result, gate(relief.height_m, when.height_m, when.soft_m))
     if when.height_share is not None:
         low, high = float(relief.height_m.min()), float(relief.height_m.max())
-        shares = _open_ends(when.height_share, (0.0, 1.0))
-        bounds = low + shares[0] * (high - low), low + shares[1] * (high - low)
-        result = np.minimum(result, gate(relief.height_m, bounds, when.soft_m))
+        # An open end stays so on level ground, where infinity times no height would be no number.
+        least, most = _open_ends(when.height_share, (0.0, 1.0))
+        least_m = low + least * (high - low) if isfinite(least) else least
+        most_m = low + most * (high - low) if isfinite(most) else most
+        result = np.minimum(result, gate(relief.height_m, (least_m, most_m), when.soft_m))
     return result
 
 

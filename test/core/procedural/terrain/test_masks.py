@@ -124,6 +124,13 @@ def test_a_condition_on_a_cone_is_a_ring() -> None:
     assert has_steep_parts(field(1.6 * cone.elevation_m.astype(np.float64), 0.1))
 
 
+def test_shares_of_the_height_gate_level_ground_evenly() -> None:
+    relief = relief_of(field(np.zeros((64, 64)), 0.5), 64)
+    for share in ((0.0, 1.0), (0.2, 1.0), (0.0, 0.4), (0.2, 0.4)):
+        gates = condition_gate(ConditionConfig(height_share=share), relief)
+        assert 0 < gates.min() == gates.max() <= 1, share
+
+
 def test_ridges_are_exposed_and_hollows_are_not() -> None:
     x = np.mgrid[:SIZE, :SIZE][1] * 0.25
     waves = relief_of(field(np.cos(2 * np.pi * x / 16), 0.25), SIZE)
