@@ -1,7 +1,9 @@
 """Judges what a drawn world looks like: errors, black ground, speckles, holes.
 
 A picture is compared with one of the same view at many samples per pixel, so that the contrast of
-textures does not count, and with rays to the sun, so that shadows do not count.
+textures does not count, and with rays to the sun, so that shadows do not count. The denoiser takes
+a part of that contrast away at any number of samples. So where a picture seems to have too many
+speckles, it is compared with two that are not denoised as well, whose difference tells their noise.
 """
 
 from __future__ import annotations
@@ -9,10 +11,11 @@ from __future__ import annotations
 import os
 import tempfile
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -23,6 +26,7 @@ from oaisys_core.geometry import pixel_rays
 from oaisys_core.raycast.surface import NO_TARGET, Surface
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import RGB, Frame, ModuleMetadata, Sample
+from oaisys_core.world.modules import render
 
 Json = dict[str, Any]
 Mask = NDArray[np.bool_]
@@ -41,6 +45,10 @@ One of sixteen grey steps from black to white, which one sees at a glance.
 """
 MAX_SPECKLES = 0.01
 REFERENCE_SAMPLES = 32
+UNDENOISED_SAMPLES, LIGHT_SEEDS = 128, (1, 2)
+"""Samples per pixel, and seeds of the light, of the two pictures that are not denoised."""
+STANDARD_ERRORS = 3.0
+"""Standard errors of their mean that its contrast must exceed: 99.7 % of all noise is less."""
 MIN_PIXELS = 300
 """A picture with fewer pixels that can be judged is not."""
 
@@ -97,25 +105,77 @@ def _judge(data: Json, verdict: Verdict) -> None:
     try:
         simulation.step_batch()
         sample = simulation.step_sample()
-        simulation.withdraw_sample()
-        many = {"samples": REFERENCE_SAMPLES, "max_samples": REFERENCE_SAMPLES}
-        reference = simulation.step_sample(ModuleMetadata(render=many), modalities=(RGB,))
+        reference = _again(simulation, REFERENCE_SAMPLES)
+        views = [
+            _View(data, name, frames_of(sample, name), frames_of(reference, name))
+            for name in dict.fromkeys(frame.sensor for frame in sample.frames)
+        ]
+        if any(view.speckles() > MAX_SPECKLES for view in views):
+            for seed in LIGHT_SEEDS:
+                with mock.patch.object(render, "LIGHT_SEED", seed):
+                    more = _again(simulation, UNDENOISED_SAMPLES, denoise=False)
+                for view in views:
+                    view.undenoised.append(frames_of(more, view.name)[RGB])
         scene = simulation.scene
         lowest_m = float(np.nanmin(simulation.ground_truth_mesh().vertices_m[:, 2]))
     finally:
         simulation.close()
     surface = Surface(scene, None)
-    for name in dict.fromkeys(frame.sensor for frame in sample.frames):
-        view = _View(data, name, frames_of(sample, name), frames_of(reference, name))
+    for view in views:
         figures = view.judge(surface, lowest_m)
         verdict.figures.append(figures)
         verdict.faults += view.faults
 
 
-def standing_out(frame: Frame) -> NDArray[np.float32]:
-    """Return by how much each pixel differs from the median of its neighbours, from 0 to 1."""
-    image = frame.data.astype(np.float32) / 255
-    return np.asarray(np.abs(image - cv2.medianBlur(image, 3)).max(axis=-1))
+def _again(simulation: Simulation, samples: int, **more: object) -> Sample:
+    """Render the last sample's pictures again with so many samples per pixel."""
+    simulation.withdraw_sample()
+    settings = {"samples": samples, "max_samples": samples, **more}
+    return simulation.step_sample(ModuleMetadata(render=settings), modalities=(RGB,))
+
+
+def standing_out(image: NDArray[Any]) -> NDArray[np.float32]:
+    """Return by how much pixels differ from the median of their neighbours, from 0 to 1.
+
+    Args:
+        image: (H, W, 3) values from 0 to 255.
+    """
+    shown = image.astype(np.float32) / 255
+    return np.asarray(np.abs(shown - cv2.medianBlur(shown, 3)).max(axis=-1))
+
+
+def certain_contrast(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return `standing_out` of two pictures' mean, without what may be its noise.
+
+    Contrast and noise are independent: their squares add up.
+
+    Args:
+        first, second: (H, W, 3) pictures of the same, with independent noise. Half their
+            difference has the standard deviation of the noise of their mean.
+    """
+    both = np.stack((first, second)).astype(np.float32)
+    half = (both[0] - both[1]) / (2 * 255)
+    # Noise of one level over a few pixels.
+    error = np.sqrt(cv2.blur(half * half, (5, 5))).max(axis=-1)
+    seen = standing_out(both.mean(axis=0))
+    return np.asarray(np.sqrt(np.maximum(seen**2 - (STANDARD_ERRORS * error) ** 2, 0)))
+
+
+def grains(
+    picture: NDArray[np.uint8], denoised: NDArray[np.uint8], undenoised: Sequence[NDArray[np.uint8]]
+) -> Mask:
+    """Return the (H, W) pixels that stand out from their neighbours, beyond the converged ones.
+
+    Args:
+        picture: (H, W, 3) sRGB bytes.
+        denoised: The same of many samples per pixel.
+        undenoised: Nothing, or two of still more samples, see `certain_contrast`.
+    """
+    converged = standing_out(denoised)
+    if undenoised:
+        converged = np.maximum(converged, certain_contrast(*undenoised))
+    beside = cv2.dilate(converged, np.ones((3, 3), np.uint8))
+    return np.asarray(standing_out(picture) - beside > SPECKLE)
 
 
 def frames_of(sample: Sample, sensor: str) -> dict[str, Frame]:
@@ -130,6 +190,7 @@ class _View:
         self, data: Json, name: str, frames: dict[str, Frame], reference: dict[str, Frame]
     ) -> None:
         self.data, self.name, self.frames, self.reference = data, name, frames, reference
+        self.undenoised: list[Frame] = []
         self.faults: list[str] = []
         camera = frames["depth"]
         self.origin_m = camera.T_map_camera[:3, 3]
@@ -154,7 +215,7 @@ class _View:
         for kind in ("black", "black_albedo"):
             if figures[kind] > MAX_BLACK:
                 self.faults.append(f"{self.name}: {kind} {figures[kind]:.1%} of what has light")
-        figures["speckles"] = self._speckles()
+        figures["speckles"] = self.speckles()
         if figures["speckles"] > MAX_SPECKLES:
             self.faults.append(f"{self.name}: {figures['speckles']:.1%} of the pixels are speckles")
         for modality, frame in self.frames.items():
@@ -220,14 +281,17 @@ class _View:
     def _is_fisheye(self) -> bool:
         return self.frames["depth"].intrinsics.is_fisheye
 
-    def _speckles(self) -> float:
+    def speckles(self) -> float:
         """Return the share of pixels that stand out from their neighbours, beyond the converged."""
         judged = self.is_hit & ~self._edges()
         if judged.sum() < MIN_PIXELS:
             return 0.0
-        alone = standing_out(self.frames["rgb"])
-        converged = cv2.dilate(standing_out(self.reference["rgb"]), np.ones((3, 3), np.uint8))
-        return float((alone - converged > SPECKLE)[judged].mean())
+        found = grains(
+            self.frames[RGB].data,
+            self.reference[RGB].data,
+            [frame.data for frame in self.undenoised],
+        )
+        return float(found[judged].mean())
 
     def _edges(self) -> Mask:
         """Return where pixels and their neighbours show several things, blurred ones widely."""

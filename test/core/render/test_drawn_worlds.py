@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 from blender_process import in_blender
 from drawn_worlds import drawn_world, make_files
 from numpy.typing import NDArray
-from world_judge import SPECKLE, standing_out
+from world_judge import SPECKLE, grains, standing_out
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.types import RGB, Frame, PinholeIntrinsics
 
 EVERY_DAY = (11, 184)
 """Seed 184: far away, patches of three layers are narrower than a pixel is long."""
@@ -86,18 +86,41 @@ def test_all_of_the_schema_is_drawn(files: Path) -> None:
         assert keys <= {key for world in worlds for key in world[section]}, section
 
 
-def picture(image: NDArray[np.uint8]) -> Frame:
-    """Return an image as a frame."""
-    camera = PinholeIntrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
-    return Frame("camera", RGB, image, camera, np.eye(4))
+SMOOTH = np.linspace(40, 200, 64).astype(np.uint8)[None, :, None] * np.ones((48, 64, 3), np.uint8)
+PLACES = np.arange(4, 44, 8)[:, None], np.arange(4, 60, 8)
+
+
+def with_grain(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an image, some of whose pixels are brighter."""
+    grainy = image.copy()
+    grainy[PLACES] += 40
+    return grainy
+
+
+def noisy(image: NDArray[np.uint8], level: float, seed: int) -> NDArray[np.uint8]:
+    """Return an image with noise of a standard deviation."""
+    noise = np.random.default_rng(seed).normal(0, level, image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
 def test_grain_stands_out_and_gradients_do_not() -> None:
-    smooth = np.linspace(40, 200, 64).astype(np.uint8)[None, :, None] * np.ones((48, 64, 3), "u1")
-    assert (standing_out(picture(smooth)) < SPECKLE).all()
-    grain = smooth.copy()
-    places = (np.arange(4, 44, 8)[:, None], np.arange(4, 60, 8))
-    grain[places] += 40
-    found = standing_out(picture(grain)) > SPECKLE
-    assert found[places].all()
-    assert found.sum() == found[places].size
+    assert (standing_out(SMOOTH) < SPECKLE).all()
+    found = standing_out(with_grain(SMOOTH)) > SPECKLE
+    assert found[PLACES].all()
+    assert found.sum() == found[PLACES].size
+
+
+def test_texture_that_the_denoiser_has_smeared_is_no_grain() -> None:
+    textured = noisy(SMOOTH, 20, seed=0)
+    smeared = cv2.GaussianBlur(textured, (3, 3), 0)
+    assert grains(textured, smeared, ()).mean() > 0.01
+    pair = [noisy(textured, 2, seed) for seed in (1, 2)]
+    assert grains(textured, smeared, pair).mean() < 0.001
+
+
+@pytest.mark.parametrize("level", [0.0, 2.0, 30.0])
+def test_noise_of_the_pictures_to_compare_with_hides_no_grain(level: float) -> None:
+    pair = [noisy(SMOOTH, level, seed) for seed in (1, 2)]
+    found = grains(with_grain(SMOOTH), SMOOTH, pair)
+    assert found[PLACES].mean() > 0.9
+    assert found.sum() == found[PLACES].sum()
