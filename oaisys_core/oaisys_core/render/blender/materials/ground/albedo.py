@@ -7,6 +7,7 @@ samples per pixel. Here, several points of each pixel are averaged, at the same 
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import Any, NamedTuple
 
 import cv2
@@ -33,6 +34,11 @@ from oaisys_core.render.blender.materials.ground.pixel_weights import (
     pixel_weights,
     places_on_stage,
 )
+from oaisys_core.render.blender.materials.ground.tiled_texels import (
+    PixelLookups,
+    blend,
+    pixel_lookups,
+)
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.shading.looks import (
     VARIATION_TILES,
@@ -41,7 +47,7 @@ from oaisys_core.render.shading.looks import (
     is_glossy,
     varies,
 )
-from oaisys_core.render.shading.shading import in_haze
+from oaisys_core.render.shading.shading import in_haze, mean_color
 from oaisys_core.scene.sky import Sky
 from oaisys_core.scene.terrain_material import (
     MAX_TONE,
@@ -50,7 +56,6 @@ from oaisys_core.scene.terrain_material import (
     PbrMaps,
     TerrainMaterial,
 )
-from oaisys_core.scene.tiling import PlainTiling
 from oaisys_core.types import FloatArray
 
 POINTS = ((-0.25, 0.083), (-0.083, -0.25), (0.083, 0.25), (0.25, -0.083))
@@ -84,8 +89,15 @@ class PixelAlbedo(NamedTuple):
     is_known: NDArray[np.bool_]
 
 
+class _Texels(NamedTuple):
+    """A texture's (S, S, 4) bytes of colour and heights, and its (4,) mean colour and 0."""
+
+    image: NDArray[np.uint8]
+    mean: Image
+
+
 class GroundAlbedo:
-    """Computes the albedo of the ground where its textures are laid plainly and without gloss.
+    """Computes the albedo of the ground where its textures have no gloss.
 
     Attributes:
         contact: Where fines lie on the ground, whose albedo is not computed; None: nowhere.
@@ -99,17 +111,14 @@ class GroundAlbedo:
         self._images = images
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
         self._footprints_m = np.array(footprints_m(material))
-        self._colors: dict[int, NDArray[np.uint8]] = {}
+        self._texels: dict[int, _Texels] = {}
         self._varies = varies(material)
         macro, self._macro = material.macro, None
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
         self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
-        self._is_plain = [
-            isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
-            for layer in material.layers
-        ]
+        self._is_dull = [not is_glossy(layer.maps) for layer in material.layers]
 
     def of_view(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo | None:
         """Return the albedo of a view; None if no layer of the ground has a known one.
@@ -119,7 +128,7 @@ class GroundAlbedo:
             pixel_rad: Angle of a pixel that levels of detail are chosen by.
             sky: Whose haze is in front of the ground.
         """
-        if not any(self._is_plain):
+        if not any(self._is_dull):
             return None
         height, width = view.depth_m.shape
         albedo = np.empty((height, width, 3), np.float32)
@@ -141,8 +150,8 @@ class GroundAlbedo:
         is_known = _is_smooth(distance_m)
         if self._material.projects_sides:
             is_known &= _upward(points_m) > GENTLE_COS
-        for weight, is_plain in zip(weights, self._is_plain, strict=True):
-            is_known &= is_plain | (weight <= NEGLIGIBLE)
+        for weight, is_dull in zip(weights, self._is_dull, strict=True):
+            is_known &= is_dull | (weight <= NEGLIGIBLE)
         if self.contact is not None:
             is_known &= ~self.contact.is_near(xy_m)
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
@@ -164,10 +173,16 @@ class GroundAlbedo:
             rows = slice(seen[0], seen[-1] + 1)
             of_rows = [weight[rows] for weight in weights]
             present = [bool((pixels[rows] & (each > NEGLIGIBLE)).any()) for each in of_rows]
+            lookups = [
+                pixel_lookups(layer.tiling, xy_m[rows] / layer.maps.tile_m) if is_present else None
+                for layer, is_present in zip(self._material.layers, present, strict=True)
+            ]
             mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
             for down, right in POINTS:
-                point_m = xy_m[rows] + down * row_m[rows] + right * column_m[rows]
-                mixed += self._color(each, point_m, of_rows, present)
+                step_m = down * row_m[rows] + right * column_m[rows]
+                if self._spans_masks(each):
+                    of_rows = pixel_weights(self._material, xy_m[rows] + step_m)
+                mixed += self._color(each, lookups, step_m, of_rows)
             mixed *= pixels[rows, :, None] / np.float32(len(POINTS))
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
         tone = self._material.tone
@@ -180,19 +195,33 @@ class GroundAlbedo:
             color *= share * np.float32(MAX_FACTOR - MIN_FACTOR) + np.float32(MIN_FACTOR)
         return color
 
-    def _color(
-        self, level: int, xy_m: FloatArray, weights: list[Image], present: list[bool]
-    ) -> Image:
-        """Return the (R, W, 3) colour at points with (R, W) weights of all layers.
+    def _spans_masks(self, level: int) -> bool:
+        """Return whether pixels of a level may be wider than a texel of the layers' masks."""
+        x0, _, x1, _ = self._material.extent_m
+        widest_m = [*self._footprints_m[1:], inf][level]
+        return len(self._material.layers) > 1 and widest_m * self._material.masks.shape[2] > x1 - x0
 
-        Layers that are not ``present`` are at none of these points.
+    def _color(
+        self,
+        level: int,
+        lookups: list[PixelLookups | None],
+        step_m: FloatArray,
+        weights: list[Image],
+    ) -> Image:
+        """Return the (R, W, 3) colour at steps from the pixels' centres.
+
+        Args:
+            level: Of detail.
+            lookups: Of each layer; None for those that are in none of these pixels.
+            step_m: (R, W, 2) steps.
+            weights: (R, W) of all layers at the points.
         """
         result: Any = None
         below: Any = None
-        for index, (layer, weight) in enumerate(zip(self._material.layers, weights, strict=True)):
-            if not present[index]:
+        for index, (lookup, weight) in enumerate(zip(lookups, weights, strict=True)):
+            if lookup is None:
                 continue
-            texel = self._texels(layer.maps, level, xy_m)
+            texel = self._tiled(self._material.layers[index].maps, level, lookup, step_m)
             key = keys(texel[..., 3], weight)
             if result is None:
                 result, below = texel, key
@@ -208,16 +237,19 @@ class GroundAlbedo:
         ]
         return borders([self._images.heights(maps).variance for maps in seen])
 
-    def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
-        """Return the (R, W, 4) colour and heights of a texture set."""
-        image = self._with_heights(self._maps_at_level(maps, maps.tile_m, level))
-        return np.asarray(cv2.LUT(_texture(image, xy_m / maps.tile_m), LINEAR))
+    def _tiled(self, maps: PbrMaps, level: int, lookups: PixelLookups, step_m: FloatArray) -> Image:
+        """Return the (R, W, 4) colour and heights of a texture, as it is laid."""
+        texels = self._texels_of(self._maps_at_level(maps, maps.tile_m, level))
+        places = lookups.beside(step_m / maps.tile_m)
+        found = [cv2.LUT(_texture(texels.image, each), LINEAR) for each in places]
+        return blend(found, lookups.weights, texels.mean)
 
-    def _with_heights(self, seen: PbrMaps) -> NDArray[np.uint8]:
-        if id(seen) not in self._colors:
+    def _texels_of(self, seen: PbrMaps) -> _Texels:
+        if id(seen) not in self._texels:
             heights = self._images.heights(seen).texels
-            self._colors[id(seen)] = np.dstack((seen.color_srgb, heights))
-        return self._colors[id(seen)]
+            mean = np.append(mean_color(seen), 0).astype(np.float32)
+            self._texels[id(seen)] = _Texels(np.dstack((seen.color_srgb, heights)), mean)
+        return self._texels[id(seen)]
 
     def _variation(self, level: int, xy_m: FloatArray) -> Image:
         """Return the (R, W, 3) factor by which the ground's colour varies slowly."""
