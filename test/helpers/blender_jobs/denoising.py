@@ -60,6 +60,7 @@ def of_passes(
     normal: Image,
     denoising: DenoisingQuality,
     ground: Image | None = None,
+    samples: int = 1,
 ) -> Image:
     """The radiance of a render's passes, denoised as a view's is; ``ground`` is a known albedo."""
     known = None
@@ -73,15 +74,15 @@ def of_passes(
         compat.MATERIAL_INDEX: nothing,
         compat.GLOSSY_COLOR: np.zeros_like(radiance),
     }
-    wanted = replace(settings(1), denoise=True)
+    wanted = replace(settings(samples), denoise=True)
     return postprocessing.denoise_image(
-        RenderResult(passes, samples=1), wanted, blenders_denoiser(), denoising, known
+        RenderResult(passes, samples=samples), wanted, blenders_denoiser(), denoising, known
     )
 
 
-def filtered(image: Image) -> Image:
+def filtered(image: Image, samples: int = 1) -> Image:
     """An image after the second step of the pixel filter."""
-    return postprocessing.filter_denoised(image, 1)
+    return postprocessing.filter_denoised(image, samples)
 
 
 def pictures() -> dict[str, NDArray[np.uint8]]:

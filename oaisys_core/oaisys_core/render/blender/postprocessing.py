@@ -69,7 +69,8 @@ ALBEDO_SHARE, EDGE_SHARE = 0.12, 0.25
 """The same weight for smoothed albedo, and for the normals whose mean length shows edges."""
 
 SMOOTHED, EDGE_GAIN = 0.3, 6
-"""Share of smoothed albedo on even ground, and how fast it grows as that length falls below 1."""
+"""Share of smoothed albedo on even ground, less with more than `MANY_SAMPLES`, and how fast it
+grows as that length falls below 1."""
 
 CONFIRMED_PX, MAX_DIFFERENCE = 15, 0.03
 """Edge length of the square over which an albedo without noise must be that of the samples, and how
@@ -116,13 +117,13 @@ def denoise_image(
     radiance = radiance[..., :3]
     if denoiser is not None:
         seen = pass_of(rendered, SEEN_ALBEDO)
-        divisor, normal = _guides(rendered, denoiser, denoising)
+        samples = rendered.samples_per_pixel(settings)
+        divisor, normal = _guides(rendered, denoiser, denoising, samples)
         albedo = divisor
         if ground is not None:
             is_clean = _is_confirmed(ground, seen)[..., None]
             divisor = np.where(is_clean, seen + MIN_ALBEDO, divisor)
             albedo = np.where(is_clean, ground.linear + MIN_ALBEDO, albedo)
-        samples = rendered.samples_per_pixel(settings)
         if isfinite(patch_m) and samples <= MOST_SAMPLES:
             shared, share = _shared(rendered, seen, patch_m, samples)
             divisor = divisor + share * (seen + MIN_ALBEDO - divisor)
@@ -142,14 +143,14 @@ def _shared(
 
 
 def _guides(
-    rendered: RenderResult, denoiser: Denoiser, denoising: DenoisingQuality
+    rendered: RenderResult, denoiser: Denoiser, denoising: DenoisingQuality, samples: int
 ) -> tuple[Image, Image]:
     """Return the (H, W, 3) albedo to divide radiance by, and the denoiser's (H, W, 3) normals."""
     reflected = _convolve(_sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) / 3, 1 / 3)
     is_water = pass_of(rendered, MATERIAL_INDEX)[..., 0] == BY_CHANCE
     if not (is_water.any() or (reflected > MIRROR_SHARE).any()):
         normal = pass_of(rendered, SEEN_NORMAL)
-        return _divisor(pass_of(rendered, SEEN_ALBEDO), normal), normal
+        return _divisor(pass_of(rendered, SEEN_ALBEDO), normal, samples), normal
     normal = pass_of(rendered, NORMAL)
     is_film = is_water | (reflected > 0)
     albedo = _albedo_of_films(rendered, is_film)
@@ -157,7 +158,7 @@ def _guides(
     is_sky = pass_of(rendered, DEPTH) >= BACKGROUND_M
     surface = np.where(is_sky, albedo[is_film].mean(axis=0), albedo)
     smooth = denoiser.denoise_albedo(surface) + MIN_ALBEDO
-    divisor = np.where(is_film[..., None], smooth, _divisor(albedo, normal))
+    divisor = np.where(is_film[..., None], smooth, _divisor(albedo, normal, samples))
     if denoising != "thorough":
         normal = denoiser.denoise_normal(normal)
     return divisor, normal
@@ -178,7 +179,7 @@ def _albedo_of_films(rendered: RenderResult, is_film: NDArray[np.bool_]) -> Imag
     return np.asarray(diffuse + np.float32(ratio) * glossy, np.float32)
 
 
-def _divisor(albedo: Image, normal: Image) -> Image:
+def _divisor(albedo: Image, normal: Image, samples: int) -> Image:
     """Return the (H, W, 3) albedo to divide radiance by: 1 for the sky, and nowhere 0.
 
     It is smoothed most where normals turn within a pixel or two, as at edges and in foliage,
@@ -186,7 +187,8 @@ def _divisor(albedo: Image, normal: Image) -> Image:
     """
     albedo, normal = np.ascontiguousarray(albedo), np.ascontiguousarray(normal)
     length = _length(_convolve(normal, EDGE_SHARE))
-    smoothed = np.clip(SMOOTHED + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
+    least = SMOOTHED * MANY_SAMPLES / max(samples, MANY_SAMPLES)
+    smoothed = np.clip(least + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
     albedo = albedo + _sky_share(albedo, normal)
     mixed = albedo + smoothed[..., None] * (_convolve(albedo, ALBEDO_SHARE) - albedo)
     return np.asarray(mixed + MIN_ALBEDO, np.float32)

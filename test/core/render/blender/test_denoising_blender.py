@@ -98,6 +98,19 @@ def test_a_known_albedo_replaces_a_noisy_one_where_samples_confirm_it() -> None:
     assert after == pytest.approx(before, rel=0.05)
 
 
+def test_texture_is_as_sharp_as_without_denoiser_at_many_samples() -> None:
+    truth = np.random.default_rng(5).uniform(0.05, 0.6, SHAPE).astype(np.float32)
+    normal = np.broadcast_to(np.array([0, 0, 1], np.float32), SHAPE)
+    few, many = (
+        error(
+            in_blender("denoising.of_passes", truth, truth, normal, "thorough", None, samples),
+            in_blender("denoising.filtered", truth, samples),
+        )
+        for samples in (8, 128)
+    )
+    assert many < 0.3 * few
+
+
 def test_neither_sky_nor_black_ground_bleed_over_their_border() -> None:
     """The upper third is sky, the lower one black."""
     third = SHAPE[0] // 3
