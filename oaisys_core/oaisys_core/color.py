@@ -34,7 +34,7 @@ def mean_linear(srgb_bytes: NDArray[np.uint8]) -> FloatArray:
     for first in range(0, len(pixels), EXACT_COUNT):
         block = [pixels[first : first + EXACT_COUNT]]
         for channel in range(3):
-            counts[channel] += cv2.calcHist(block, [channel], None, [256], [0, 256])[:, 0]
+            counts[channel] += cv2.calcHist(block, [channel], None, [256], [0, 256]).ravel()
     return np.asarray(counts @ levels / len(pixels))
 
 
