@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix, transform
@@ -48,6 +49,14 @@ BOX = Primitive(
     (21,),
     (0.2, 0.3, 0.7),
 )
+
+
+@dataclass(frozen=True)
+class GivenTone:
+    """A tone whose (T, T, 3) image is given."""
+
+    pixels: NDArray[np.uint8]
+
 
 SUNNY = Sky(
     sun_elevation_rad=0.7,

@@ -5,9 +5,10 @@ All coordinates are in ``map`` (metres, z up).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -130,20 +131,15 @@ class Variation:
     scale_m: float | None = None
 
 
-@dataclass(frozen=True)
-class DeferredImage:
-    """An image that is made when it is first asked for, and kept: many views show no colour.
+class Tone(Protocol):
+    """Slow change of the stage's colour: a frozen dataclass, whose fields say what it is.
 
-    Attributes:
-        make: Returns the (H, W, C) uint8 image; in every process the same one.
+    Many views show no colour, so that its image is made when it is first asked for.
     """
 
-    make: Callable[[], NDArray[np.uint8]]
-
-    @cached_property
+    @property
     def pixels(self) -> NDArray[np.uint8]:
-        """(H, W, C) uint8."""
-        return self.make()
+        """(T, T, 3) uint8 factors on the linear colour, from `MIN_TONE` to `MAX_TONE`."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +155,8 @@ class TerrainMaterial:
         variation: Slow change of colour over the ground.
         projects_sides: Whether textures are projected onto steep slopes from the side instead of
             from above.
-        tone: (T, T, 3) factors on the linear colour over the extent, from `MIN_TONE` to
-            `MAX_TONE`, row 0 at min_y; those of its edge go on beyond it. None for none.
+        tone: Change of the colour over the extent, row 0 at min_y; that of its edge goes on beyond
+            it. None for none.
         macro: Variation of colour from metres to kilometres; None for none.
         land: Weights of the layers on the land around the extent; None if there is no land.
         wet_bank_m: Heights up to which the stage is wet and from which it is dry; None without
@@ -176,7 +172,7 @@ class TerrainMaterial:
     label_cell_m: float | None = None
     variation: Variation = Variation()
     projects_sides: bool = False
-    tone: DeferredImage | None = None
+    tone: Tone | None = None
     macro: MacroVariation | None = None
     land: LandMasks | None = None
     wet_bank_m: tuple[float, float] | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from math import radians
 
 import numpy as np
@@ -20,7 +19,7 @@ from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, r
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.procedural.terrain.masks.cover import is_green
 from oaisys_core.procedural.terrain.masks.relief import has_steep_parts
-from oaisys_core.procedural.terrain.masks.tone import ground_tone
+from oaisys_core.procedural.terrain.masks.tone import StageTone
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.scene.photometric_laws import (
     Hapke,
@@ -29,7 +28,7 @@ from oaisys_core.scene.photometric_laws import (
     PhotometricLaw,
 )
 from oaisys_core.scene.surroundings import MacroVariation
-from oaisys_core.scene.terrain_material import DeferredImage, TerrainMaterial, Variation
+from oaisys_core.scene.terrain_material import TerrainMaterial, Variation
 from oaisys_core.world.module import Metadata, Module, World, override, require
 from oaisys_core.world.modules.layer_weights import land_weights, layer_weights
 from oaisys_core.world.modules.layers import (
@@ -156,13 +155,13 @@ def _tone(
     green: Sequence[bool],
     ground: Ground,
     rng: np.random.Generator,
-) -> DeferredImage | None:
+) -> StageTone | None:
     variation = config.variation
     if variation.scale_m is not None or not (variation.brightness or variation.tint):
         return None
     strength = Variation(**variation.model_dump())
-    own_rng = randomness.child(rng, "tone")
-    return DeferredImage(partial(ground_tone, ground, masks, green, strength, own_rng))
+    seed = int(randomness.child(rng, "tone").integers(2**63))
+    return StageTone(ground, masks, tuple(green), strength, seed)
 
 
 def _macro_variation(config: MaterialsConfig, rng: np.random.Generator) -> MacroVariation | None:

@@ -6,11 +6,13 @@ it is dry, and stand in dark clumps where it is moist. Beyond the stage's edge t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core import randomness
 from oaisys_core.procedural.terrain.masks.relief import Relief, exposure, relief_of
 from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.noise import Field, band
@@ -63,40 +65,50 @@ FADED = 0.08
 """Share of the stage's edge over which the tone fades out."""
 
 
-def ground_tone(
-    ground: Ground,
-    masks: NDArray[np.float32],
-    green: Sequence[bool],
-    strength: Variation,
-    rng: np.random.Generator,
-) -> NDArray[np.uint8]:
-    """Return (T, T, 3) bytes: factors on the linear colour, from `MIN_TONE` to `MAX_TONE`.
+@dataclass(frozen=True)
+class StageTone:
+    """The tone of a stage's ground.
 
-    Args:
+    Attributes:
         ground: The stage's.
-        masks: (L, M, M) weights of the layers; T is at most M and `MAX_PX`.
+        masks: (L, M, M) weights of the layers.
         green: Whether each layer is of plants.
         strength: How strong the tone is; its size does not matter.
-        rng: Draws mottles, streaks and clumps.
+        seed: Of mottles, streaks and clumps.
     """
-    size = min(masks.shape[1], MAX_PX)
-    extent_m = ground.extent_m[2] - ground.extent_m[0]
-    wet = _resize(moisture(ground).astype(np.float32), size)
-    shortest_m, longest_m = MOTTLES_M
-    mottles = band(size, extent_m / longest_m, extent_m / shortest_m, rng)
-    change = np.float32(DAMP) * (wet - np.float32(0.5)) + np.float32(MOTTLED) * mottles
-    change += _of_forms(relief_of(ground, RELIEF_PX), size, extent_m, rng)
-    plants = _resize(np.asarray(masks[np.array(green)].sum(axis=0), np.float32), size)
-    change *= 1 - np.float32(1 - OF_PLANTS) * plants
-    ranges = strength.brightness + strength.tint * np.array((1, 0, -1))
-    factor = np.asarray(1 + change[..., None] * (ranges / 2), np.float32)
-    if any(green):
-        dry = np.clip(1 - 2 * wet + np.float32(DRY_MOTTLES) * mottles, LUSH, 1)
-        clumps = _clumps(wet, extent_m, rng)
-        factor *= 1 + plants[..., None] * _change_of_plants(dry, clumps, strength.brightness)
-    factor = 1 + (factor / factor.mean() - 1) * _inside(size)[..., None]
-    share = (np.clip(factor, MIN_TONE, MAX_TONE) - MIN_TONE) * (255 / (MAX_TONE - MIN_TONE))
-    return np.asarray(np.rint(share), np.uint8)
+
+    ground: Ground
+    masks: NDArray[np.float32]
+    green: tuple[bool, ...]
+    strength: Variation
+    seed: int
+
+    @cached_property
+    def pixels(self) -> NDArray[np.uint8]:
+        """(T, T, 3) bytes: factors on the linear colour, from `MIN_TONE` to `MAX_TONE`.
+
+        T is at most M and `MAX_PX`.
+        """
+        ground, strength = self.ground, self.strength
+        rng = randomness.stream(self.seed, "tone")
+        size = min(self.masks.shape[1], MAX_PX)
+        extent_m = ground.extent_m[2] - ground.extent_m[0]
+        wet = _resize(moisture(ground).astype(np.float32), size)
+        shortest_m, longest_m = MOTTLES_M
+        mottles = band(size, extent_m / longest_m, extent_m / shortest_m, rng)
+        change = np.float32(DAMP) * (wet - np.float32(0.5)) + np.float32(MOTTLED) * mottles
+        change += _of_forms(relief_of(ground, RELIEF_PX), size, extent_m, rng)
+        plants = _resize(np.asarray(self.masks[np.array(self.green)].sum(axis=0), np.float32), size)
+        change *= 1 - np.float32(1 - OF_PLANTS) * plants
+        ranges = strength.brightness + strength.tint * np.array((1, 0, -1))
+        factor = np.asarray(1 + change[..., None] * (ranges / 2), np.float32)
+        if any(self.green):
+            dry = np.clip(1 - 2 * wet + np.float32(DRY_MOTTLES) * mottles, LUSH, 1)
+            clumps = _clumps(wet, extent_m, rng)
+            factor *= 1 + plants[..., None] * _change_of_plants(dry, clumps, strength.brightness)
+        factor = 1 + (factor / factor.mean() - 1) * _inside(size)[..., None]
+        share = (np.clip(factor, MIN_TONE, MAX_TONE) - MIN_TONE) * (255 / (MAX_TONE - MIN_TONE))
+        return np.asarray(np.rint(share), np.uint8)
 
 
 def _of_forms(relief: Relief, size: int, extent_m: float, rng: np.random.Generator) -> Field:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.masks.tone import ground_tone
+from oaisys_core.procedural.terrain.masks.tone import StageTone
 from oaisys_core.scene import HeightField
 from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE, Variation
 
@@ -22,8 +22,7 @@ def factors(
     green: bool = False, brightness: float = 0.35, tint: float = 0.0, seed: int = 0
 ) -> NDArray[np.float64]:
     masks = np.ones((1, SIZE, SIZE), np.float32)
-    rng = np.random.default_rng(seed)
-    made = ground_tone(valley(), masks, [green], Variation(brightness, tint), rng)
+    made = StageTone(valley(), masks, (green,), Variation(brightness, tint), seed).pixels
     assert made.dtype == np.uint8
     return MIN_TONE + made * ((MAX_TONE - MIN_TONE) / 255)
 

@@ -1,14 +1,13 @@
 """The ground's albedo without noise is what many samples of Cycles see."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from blender_process import in_blender
 from numpy.typing import NDArray
-from synthetic_worlds import SUNNY, camera, flat_world
+from synthetic_worlds import SUNNY, GivenTone, camera, flat_world
 
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
@@ -17,7 +16,7 @@ from oaisys_core.procedural.terrain.surroundings.land import land_around
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks
 from oaisys_core.scene import HeightField, PbrMaps, Scene, TerrainLayer, TerrainMaterial
 from oaisys_core.scene.sky import Haze
-from oaisys_core.scene.terrain_material import DeferredImage, Variation
+from oaisys_core.scene.terrain_material import Variation
 from oaisys_core.scene.tiling import stochastic_tiling, voronoi_tiling
 from oaisys_core.types import RGB, PinholeIntrinsics
 
@@ -88,7 +87,7 @@ def cases() -> dict[str, Scene]:
     shiny = replace(layers[1].maps, roughness=np.full((256, 256), 10, np.uint8))
     colored = Variation(brightness=0.5, tint=0.2)
     stochastic = replace(layers[1], tiling=stochastic_tiling(2.0, rng))
-    tone = DeferredImage(partial(np.asarray, rng.integers(0, 256, (32, 32, 3), np.uint8)))
+    tone = GivenTone(rng.integers(0, 256, (32, 32, 3), np.uint8))
     return {
         "layers": world(*layers, variation=colored),
         "tone": world(*layers, tone=tone),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,12 @@ import numpy as np
 import pytest
 import yaml
 from blender_process import in_blender
-from synthetic_worlds import SUNNY
+from synthetic_worlds import SUNNY, GivenTone
 
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.scene.photometric_laws import Hapke
 from oaisys_core.scene.sky import Haze
 from oaisys_core.scene.terrain_material import (
-    DeferredImage,
     PbrMaps,
     TerrainLayer,
     TerrainMaterial,
@@ -96,7 +94,7 @@ def material(layers: int, tiling: Tiling) -> TerrainMaterial:
         np.moveaxis(masks, -1, 0),
         (-5.0, -5.0, 5.0, 5.0),
         projects_sides=True,
-        tone=DeferredImage(partial(np.asarray, rng.integers(0, 256, (8, 8, 3), np.uint8))),
+        tone=GivenTone(rng.integers(0, 256, (8, 8, 3), np.uint8)),
         macro=MacroPattern(0.5, 1),
         variation=Variation(0.3, 0.1),
         wet_bank_m=(-9.0, -8.5),
