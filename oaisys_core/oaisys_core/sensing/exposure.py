@@ -17,12 +17,13 @@ rendered again looks the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import log2
+from math import isfinite, log2
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import LUMINANCE
+from oaisys_core.errors import RenderError
 
 Image = NDArray[np.float32]
 
@@ -88,9 +89,15 @@ def meter_ev(
         meter: Target and limits.
         white: Linear value that is shown as white.
         base_ev: Stops by which the picture is brightened in any case.
+
+    Raises:
+        RenderError: Some of the radiance is not finite; the picture would be black.
     """
     luminance = _luminance(radiance)
     surface = is_surface.astype(np.float32)
+    if not isfinite(float(luminance.mean())):
+        wrong = int(np.count_nonzero(~np.isfinite(luminance)))
+        raise RenderError(f"radiance is not finite in {wrong} of {luminance.size} pixels")
     mean = _mean_of_both(luminance, surface)
     if mean <= 0.0:
         return meter.max_ev

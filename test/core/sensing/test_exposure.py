@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, RenderError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.sensing.exposure import AutoExposure, meter_ev
 from oaisys_core.simulation import Simulation
@@ -213,3 +213,11 @@ def test_ground_of_usual_albedo_is_exposed_to_the_target_at_each_share() -> None
         meter = AutoExposure(target=0.25, albedo_share=share)
         assert meter.for_ground(0.2).target == pytest.approx(0.25)
         assert 0 < meter.for_ground(0.0).target <= 0.25
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_radiance_that_is_not_finite_fails_the_render(value: float) -> None:
+    radiance = picture(0.2, 1.0)
+    radiance[40, :3] = value
+    with pytest.raises(RenderError, match="not finite in 3 of 3072 pixels"):
+        meter_ev(radiance, GROUND, METER)
