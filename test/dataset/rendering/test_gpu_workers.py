@@ -106,7 +106,7 @@ def test_more_gpus_than_a_machine_has_are_wrong_input(address: str) -> None:
         RaySettings(gpus=1.5)
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_data_set_is_rendered_by_workers_with_gpus(address: str, tmp_path: Path) -> None:
     config, worlds, views = write_config(tmp_path), 3, 1
     options = ("--address", address, "--worlds", worlds, "--views", views)
