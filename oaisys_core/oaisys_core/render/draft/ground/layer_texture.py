@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,11 @@ from oaisys_core.procedural.textures.normal_maps import FLAT, STEPS
 from oaisys_core.render.draft.appearance import Floats
 from oaisys_core.render.draft.ground.texture_atlas import Levels, TextureAtlas
 from oaisys_core.render.shading.shading import mean_color
+from oaisys_core.render.shading.texture_blend import (
+    contrast_gain,
+    mean_of_lookups,
+    restore_contrast,
+)
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer
 from oaisys_core.scene.tiling import PlainTiling, TextureSamples, Tiling
@@ -88,9 +92,9 @@ class LayerTexture:
         if samples.turn is not None:
             _turn_back(looks[0][1], samples.turn)
         weights = samples.weights.astype(np.float32)
-        gain = 1 / np.sqrt((weights * weights).sum(axis=0))[:, None]
-        texel, relief = (_mean(each, weights) for each in zip(*looks, strict=True))
-        texel[:, :3] = np.maximum(self.mean + gain * (texel[:, :3] - self.mean), 0)
+        gain = contrast_gain(weights)
+        texel, relief = (mean_of_lookups(each, weights) for each in zip(*looks, strict=True))
+        restore_contrast(texel, gain, self.mean)
         relief[:, :2] *= gain
         return texel, relief
 
@@ -107,11 +111,3 @@ def _turn_back(relief: Floats, turn: FloatArray) -> None:
     x, y = relief[:, 0].copy(), relief[:, 1]
     relief[:, 0] = cos * x + sin * y
     relief[:, 1] = cos * y - sin * x
-
-
-def _mean(parts: Sequence[Floats], weights: Floats) -> Floats:
-    """Return the mean of (N, C) values with (K, N) weights, which sum to 1."""
-    total = parts[0] * weights[0, :, None]
-    for part, weight in zip(parts[1:], weights[1:], strict=True):
-        total += part * weight[:, None]
-    return total

@@ -36,7 +36,6 @@ from oaisys_core.render.blender.materials.ground.pixel_weights import (
 )
 from oaisys_core.render.blender.materials.ground.tiled_texels import (
     PixelLookups,
-    blend,
     pixel_lookups,
 )
 from oaisys_core.render.blender.materials.images import ImageStore
@@ -48,6 +47,11 @@ from oaisys_core.render.shading.looks import (
     varies,
 )
 from oaisys_core.render.shading.shading import in_haze, mean_color
+from oaisys_core.render.shading.texture_blend import (
+    contrast_gain,
+    mean_of_lookups,
+    restore_contrast,
+)
 from oaisys_core.scene.sky import Sky
 from oaisys_core.scene.terrain_material import (
     MAX_TONE,
@@ -90,7 +94,7 @@ class PixelAlbedo(NamedTuple):
 
 
 class _Texels(NamedTuple):
-    """A texture's (S, S, 4) bytes of colour and heights, and its (4,) mean colour and 0."""
+    """A texture's (S, S, 4) bytes of colour and heights, and its (3,) mean linear colour."""
 
     image: NDArray[np.uint8]
     mean: Image
@@ -242,12 +246,16 @@ class GroundAlbedo:
         texels = self._texels_of(self._maps_at_level(maps, maps.tile_m, level))
         places = lookups.beside(step_m / maps.tile_m)
         found = [cv2.LUT(_texture(texels.image, each), LINEAR) for each in places]
-        return blend(found, lookups.weights, texels.mean)
+        if len(found) == 1:
+            return np.asarray(found[0])
+        texel = mean_of_lookups(found, lookups.weights)
+        restore_contrast(texel, contrast_gain(lookups.weights), texels.mean)
+        return texel
 
     def _texels_of(self, seen: PbrMaps) -> _Texels:
         if id(seen) not in self._texels:
             heights = self._images.heights(seen).texels
-            mean = np.append(mean_color(seen), 0).astype(np.float32)
+            mean = np.array(mean_color(seen), np.float32)
             self._texels[id(seen)] = _Texels(np.dstack((seen.color_srgb, heights)), mean)
         return self._texels[id(seen)]
 

@@ -6,7 +6,6 @@ at the seams of a tiling, where the weights of what changes are next to nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -49,24 +48,3 @@ def pixel_lookups(tiling: Tiling, uv_tiles: FloatArray) -> PixelLookups:
     weights = found.weights.reshape(-1, *shape).astype(np.float32)
     turn = None if found.turn is None else found.turn.reshape(2, *shape)
     return PixelLookups(found.uv_tiles.reshape(-1, *shape, 2), weights, turn)
-
-
-def blend(texels: Sequence[Image], weights: Image, mean: Image) -> Image:
-    """Return (R, W, 4) texels of K lookups, blended as the material's nodes do.
-
-    Args:
-        texels: K (R, W, 4) linear colours, and heights.
-        weights: (K, R, W) weights.
-        mean: (4,) mean colour of the texture, from which blended colours keep the deviation of a
-            single lookup's; its last value does not matter.
-    """
-    if len(texels) == 1:
-        return texels[0]
-    total = sum(
-        (texel - mean) * weight[..., None] for texel, weight in zip(texels, weights, strict=True)
-    )
-    total = np.asarray(total, np.float32)
-    total[..., :3] /= np.sqrt(np.square(weights).sum(axis=0))[..., None]
-    total += mean
-    np.maximum(total[..., :3], 0, out=total[..., :3])
-    return total
