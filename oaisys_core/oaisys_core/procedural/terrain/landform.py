@@ -31,6 +31,11 @@ class GroundSpec:
     roughness: float = 1.0
     relief_m: float | None = None
 
+    @property
+    def spacing_m(self) -> float:
+        """Distance between grid points."""
+        return self.extent_m / (self.resolution_px - 1)
+
 
 Preset = Callable[[GroundSpec, np.random.Generator], Elevation]
 """Returns (resolution_px, resolution_px) float32 elevations in metres."""

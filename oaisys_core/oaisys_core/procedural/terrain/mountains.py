@@ -130,9 +130,8 @@ def _with_joints(
     spec: GroundSpec, large_m: Elevation, height_m: float, rng: np.random.Generator
 ) -> FloatArray:
     """Return a mountain whose steep rock is broken into blocks."""
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
     block_m = min(BLOCK * height_m, LARGEST_BLOCK_M)
-    return break_rock(large_m.astype(np.float64), spacing_m, block_m, rng)
+    return break_rock(large_m.astype(np.float64), spec.spacing_m, block_m, rng)
 
 
 def _softly_above(height_m: FloatArray, floor_m: float, soft_m: float) -> FloatArray:

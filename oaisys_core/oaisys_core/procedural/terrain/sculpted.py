@@ -72,7 +72,7 @@ def _dune(phase: FloatArray) -> FloatArray:
 
 
 def _ripples(spec: GroundSpec, rng: np.random.Generator) -> FloatArray:
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    spacing_m = spec.spacing_m
     if 4 * spacing_m > RIPPLE_M:
         return np.zeros((spec.resolution_px, spec.resolution_px))
     p, q = _rotate_grid(spec.extent_m, spec.resolution_px, rng)
@@ -88,7 +88,7 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     wx, wy = warp(x, y, rng, strength=0.3, octaves=2)
     shape = fractal(wx, wy, rng, octaves=4, gain=0.42)
     flutes = fractal(9 * x, 9 * y, rng, octaves=2, kind="billow")
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    spacing_m = spec.spacing_m
     inside = bend_to_joints(_equalise(shape), spacing_m, JOINTS * height_m, rng)
     inside = inside + 0.035 * (flutes - 0.3)
     # The profile: cumulative shares of the ground, and heights.
@@ -115,7 +115,7 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     outline = np.interp(upward, *_strata(rng))
     rolling = 0.03 * fractal(5 * u, 5 * v, rng, octaves=3)
     large_m = (np.float32(depth_m) * _round(outline + rolling)).astype(np.float64)
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    spacing_m = spec.spacing_m
     large_m = lay_talus(large_m, spacing_m, 0.2 * depth_m, rng)
     return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 

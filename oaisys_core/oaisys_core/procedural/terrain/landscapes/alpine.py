@@ -70,9 +70,9 @@ def _break_walls(
     z: FloatArray, spec: GroundSpec, height_m: float, rng: np.random.Generator
 ) -> FloatArray:
     """Return the ground with buttresses, towers and ledges between joints where rock is bare."""
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
     for index, share in enumerate(JOINTS):
-        z = break_rock(z, spacing_m, share * height_m, randomness.child(rng, f"walls/{index}"))
+        drawn = randomness.child(rng, f"walls/{index}")
+        z = break_rock(z, spec.spacing_m, share * height_m, drawn)
     return z
 
 

@@ -26,7 +26,7 @@ def crater_field(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """
     largest_m = relief_or(spec, 0.07 * spec.extent_m) / DEPTH
     largest_m = min(largest_m, 0.9 * spec.extent_m)
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    spacing_m = spec.spacing_m
     domain = domain_of(spec, margin=1.0)
     swells = 0.010 * spec.extent_m * domain.cut(domain.noise(3.0, rng, octaves=4), spec)
     smallest_m = max(SMALLEST_M, spec.extent_m / 400)

@@ -65,7 +65,7 @@ def _ripples(
     rng: np.random.Generator,
 ) -> FloatArray:
     """Return ripples across the wind, on sand that does not slide, if the ground can show them."""
-    spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    spacing_m = spec.spacing_m
     wave_m = max(RIPPLE_M, 4.5 * spacing_m)
     if wave_m > 4 * RIPPLE_M:
         return np.zeros_like(large_m)
