@@ -45,9 +45,10 @@ def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]
     if when.height_share is not None:
         low, high = float(relief.height_m.min()), float(relief.height_m.max())
         # An open end stays so on level ground, where infinity times no height would be no number.
-        least, most = _open_ends(when.height_share, (0.0, 1.0))
-        least_m = low + least * (high - low) if isfinite(least) else least
-        most_m = low + most * (high - low) if isfinite(most) else most
+        least_m, most_m = (
+            low + share * (high - low) if isfinite(share) else share
+            for share in _open_ends(when.height_share, (0.0, 1.0))
+        )
         result = np.minimum(result, gate(relief.height_m, (least_m, most_m), when.soft_m))
     return result
 

@@ -61,6 +61,7 @@ def slide(
     """
     z = elevation_m.astype(np.float64)
     steepest = np.asarray(repose, np.float64)
+    varies = steepest.ndim > 0
     for _ in range(steps):
         change = np.zeros_like(z)
         slope = np.gradient(z, spacing_m)
@@ -74,8 +75,7 @@ def slide(
             steep += fall * fall
             np.sqrt(steep, out=steep)
             # What lies higher slides.
-            uneven = steepest.ndim > 0
-            stable = np.where(fall > 0, steepest[high], steepest[low]) if uneven else steepest
+            stable = np.where(fall > 0, steepest[high], steepest[low]) if varies else steepest
             moved_m = steep - stable
             np.maximum(moved_m, 0.0, out=moved_m)
             moved_m /= np.maximum(steep, 1e-12, out=steep)

@@ -15,12 +15,7 @@ from synthetic_worlds import SUNNY, GivenTone
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.scene.photometric_laws import Hapke
 from oaisys_core.scene.sky import Haze
-from oaisys_core.scene.terrain_material import (
-    PbrMaps,
-    TerrainLayer,
-    TerrainMaterial,
-    Variation,
-)
+from oaisys_core.scene.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 from oaisys_core.scene.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
 STACK = 255
