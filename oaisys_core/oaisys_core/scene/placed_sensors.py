@@ -79,7 +79,12 @@ class PlacedCamera(ShortRepr):
     @property
     def is_sharp(self) -> bool:
         """Whether there is neither depth of field nor motion blur, of which a still has none."""
-        return self.lens is None and not self._is_blurred()
+        return self.lens is None and self.is_still
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the camera does not move while its shutter is open."""
+        return not self._is_blurred()
 
     @property
     def depends_on_past(self) -> bool:

@@ -16,6 +16,7 @@ from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.blender.adaptive_samples import adapt
 from oaisys_core.render.blender.color import ColorImages, ColorRenderer
 from oaisys_core.render.blender.cycles import Cycles
+from oaisys_core.render.blender.lens_blur import seen_through
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.lamps import LampObjects
 from oaisys_core.render.blender.objects.scene_geometry import SceneGeometry
@@ -291,7 +292,7 @@ class BlenderBackend(Backend):
         is_direct = camera.intrinsics.is_rectilinear
         least, most = NOISY_SAMPLES
         is_noisy = settings.denoise and least <= settings.samples <= most
-        return camera.is_sharp and is_direct and is_noisy and self.device == "cpu"
+        return camera.is_still and is_direct and is_noisy and self.device == "cpu"
 
     def _ground_albedo(
         self, camera: PlacedCamera, settings: RenderSettings, views: dict[str, View]
@@ -301,7 +302,10 @@ class BlenderBackend(Backend):
         view = views.get(camera.name) or surface.view(camera)
         pixel_rad = pixel_angle_rad(camera.intrinsics, TEXEL_PX)
         ground_albedo = self._scene_geometry.ground_albedo
-        return ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
+        found = ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
+        if found is None or camera.lens is None:
+            return found
+        return seen_through(camera.lens, camera.intrinsics, view, found)
 
     def _note(self, found: ColorImages) -> None:
         """Remember how a camera's colour was rendered, and the fewest samples of all cameras."""

@@ -14,7 +14,7 @@ from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.procedural.terrain.surroundings.kinds import EARTH_RADIUS_M
 from oaisys_core.procedural.terrain.surroundings.land import land_around
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks
-from oaisys_core.scene import HeightField, PbrMaps, Scene, TerrainLayer, TerrainMaterial
+from oaisys_core.scene import HeightField, Lens, PbrMaps, Scene, TerrainLayer, TerrainMaterial
 from oaisys_core.scene.sky import Haze
 from oaisys_core.scene.terrain_material import Variation
 from oaisys_core.scene.tiling import stochastic_tiling, voronoi_tiling
@@ -105,6 +105,8 @@ def cases() -> dict[str, Scene]:
                 tone=tone,
             )
         ),
+        "lens": world(*layers),
+        "wide": world(*layers),
         "shiny": world(layers[0], replace(layers[1], maps=shiny)),
     }
 
@@ -115,7 +117,12 @@ def albedos() -> dict[str, Any]:
     placed = camera(pose_looking_at((1, -9, 2.0), (0, 0, 0)), LENS, (RGB,))
     steep = camera(pose_looking_at((1, -9, -10), (0, 0, 0)), LENS, (RGB,))
     outward = camera(pose_looking_at((2, 17, 3.0), (0, 27, 0)), LENS, (RGB,))
-    special = {"steep": steep, "land": outward}
+    special = {
+        "steep": steep,
+        "land": outward,
+        "lens": replace(placed, lens=Lens(focus_distance_m=4.0, f_number=0.4, ratio=0.5)),
+        "wide": replace(placed, lens=Lens(focus_distance_m=4.0, f_number=0.03)),
+    }
     views = [(scene, special.get(name, placed)) for name, scene in made.items()]
     return dict(zip(made, in_blender("materials.albedos", views, 2, 64), strict=True))
 
@@ -135,6 +142,8 @@ def rms(difference: NDArray[Any]) -> float:
         ("stochastic", 0.6),
         ("patchy", 0.6),
         ("land", 0.85),
+        ("lens", 0.6),
+        ("wide", 0.53),
     ],
 )
 def test_the_mean_of_many_samples_is_known_with_less_noise(
@@ -142,10 +151,20 @@ def test_the_mean_of_many_samples_is_known_with_less_noise(
 ) -> None:
     found = albedos[name]
     known = found["known"]
-    assert known.mean() > 0.5
+    assert known.mean() > (0.1 if name == "wide" else 0.5)
     few, many, clean = (found[key][known] for key in ("few", "many", "clean"))
     np.testing.assert_allclose(clean.mean(axis=0), many.mean(axis=0), rtol=0.01)
     assert rms(clean - many) < noise * rms(few - many)
+
+
+def test_only_what_is_almost_in_focus_is_known(albedos: dict[str, Any]) -> None:
+    without, blurred = (albedos[name]["known"] for name in ("layers", "wide"))
+    in_focus = blurred.all(axis=1)
+    # Nearer and farther ground, at the image's lower and upper end, is blurred.
+    assert in_focus.any()
+    assert without[-1].all()
+    assert not blurred[-1].any()
+    assert not blurred[np.argmax(without.all(axis=1))].any()
 
 
 def test_nothing_is_known_where_one_of_the_layers_is_glossy(albedos: dict[str, Any]) -> None:
