@@ -108,6 +108,12 @@ def listen(user: User) -> None:
     user.listen(SemanticLabels, "camera/semantic_0/labels", LATCHED_QOS)
 
 
+def tf_at(user: User, stamp: Any) -> TFMessage | None:
+    """Return the rig's transforms of a stamp, once they have been received."""
+    found = (tf for tf in user.received["/tf"] if tf.transforms[0].header.stamp == stamp)
+    return next(found, None)
+
+
 def all_of_sample(user: User, stamp: Any) -> dict[str, Any]:
     """Wait for every message of a stamp and return them by topic."""
 
@@ -117,9 +123,8 @@ def all_of_sample(user: User, stamp: Any) -> dict[str, Any]:
             for message in user.received[topic]:
                 if message.header.stamp == stamp:
                     messages[topic] = message
-        for message in user.received["/tf"]:
-            if message.transforms[0].header.stamp == stamp:
-                messages["/tf"] = message
+        if tf := tf_at(user, stamp):
+            messages["/tf"] = tf
         return messages if len(messages) == len(STAMPED_TOPICS) + 1 else None
 
     found_messages: dict[str, Any] = user.wait_until(found)
@@ -293,7 +298,9 @@ def test_a_sensor_can_be_put_somewhere_and_modalities_chosen(bridged: User) -> N
     assert answer.success, answer.message
     bridged.wait_until(lambda: bridged.received["oaisys_bridge/sample_info"])
     assert bridged.received["oaisys_bridge/sample_info"][0].sensors[0].modalities == ["depth"]
-    R, position_m = lookup(bridged, bridged.received["/tf"][-1], "map", "camera_link")
+    # The pose before is repeated in time: a topic's last message may be of it.
+    tf = bridged.wait_until(lambda: tf_at(bridged, answer.stamp))
+    R, position_m = lookup(bridged, tf, "map", "camera_link")
     np.testing.assert_allclose(position_m, pose.position_m, atol=1e-9)
     assert (R * Rotation.from_quat(pose.quat_xyzw).inv()).magnitude() < 1e-9
     bridged.wait_until(lambda: bridged.received["camera/depth/image_raw"])
