@@ -29,7 +29,7 @@ SEAM = (0.03, 0.22)
 SHIFTS = 64
 """Number of lattice points along each axis after which stochastic shifts repeat."""
 
-CRISPNESS = 3.0
+CRISPNESS = 3
 """Exponent of the weights of a stochastic tiling; higher values blend less."""
 
 
@@ -130,7 +130,7 @@ class StochasticTiling:
         weights = np.stack(
             (abs(1 - s - t), np.where(is_lower, s, 1 - t), np.where(is_lower, t, 1 - s))
         )
-        weights = weights**CRISPNESS
+        weights = weights ** float(CRISPNESS)
         column, row = np.moveaxis(corners.astype(np.int64) % SHIFTS, -1, 0)
         return TextureSamples(xy_tiles + self.shifts[row, column], weights / weights.sum(axis=0))
 

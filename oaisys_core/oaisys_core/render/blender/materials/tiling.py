@@ -62,34 +62,39 @@ class TilingNodes:
         ]
 
     def _stochastic(self, tiling: StochasticTiling, place: Socket) -> list[TextureLookup]:
+        # Vectors where they do: Cycles compares each node of a material with all of its kind.
         tree = self._tree
-        cell = tree.scale(place, 1.0 / tiling.cell_tiles)
-        x, y = tree.component(cell, 0), tree.component(cell, 1)
-        x = tree.math("MULTIPLY_ADD", y, -1 / sqrt(3), x)
-        y = tree.math("MULTIPLY", y, 2 / sqrt(3))
-        column, row = tree.math("FLOOR", x), tree.math("FLOOR", y)
-        s, t = tree.math("SUBTRACT", x, column), tree.math("SUBTRACT", y, row)
-        rest = tree.math("SUBTRACT", tree.math("SUBTRACT", 1.0, s), t)
+        per_tile = 1.0 / tiling.cell_tiles
+        x = self._product(place, (per_tile, -per_tile / sqrt(3), 0.0))
+        y = self._product(place, (0.0, per_tile * 2 / sqrt(3), 0.0))
+        skewed = tree.combine(x, y, 0.0)
+        corner, inside = tree.vector("FLOOR", skewed), tree.vector("FRACTION", skewed)
+        rest = tree.math("SUBTRACT", 1.0, self._product(inside, (1.0, 1.0, 0.0)))
         is_upper = tree.math("LESS_THAN", rest, 0.0)
-        shares = (
-            tree.math("ABSOLUTE", rest),
-            tree.math("MULTIPLY_ADD", is_upper, rest, s),
-            tree.math("MULTIPLY_ADD", is_upper, rest, t),
-        )
-        corner = tree.combine(column, row, 0.0)
-        both = tree.combine(is_upper, is_upper, 0.0)
-        steps: tuple[Socket, ...] = (both, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-        powers = [tree.math("POWER", share, CRISPNESS) for share in shares]
-        total = tree.math("ADD", tree.math("ADD", powers[0], powers[1]), powers[2])
+        beyond = tree.math("MULTIPLY", is_upper, rest)
+        more = tree.combine(beyond, beyond, tree.math("ABSOLUTE", rest))
+        shares = tree.vector("ADD", inside, more)
+        powers = shares
+        for _ in range(CRISPNESS - 1):
+            powers = tree.vector("MULTIPLY", powers, shares)
+        total = self._product(powers, (1.0, 1.0, 1.0))
+        weights = tree.scale(powers, tree.math("DIVIDE", 1.0, total))
+        first, second, third = tree.add("SeparateXYZ", {0: weights}).outputs
+        centre = (0.5 / SHIFTS, 0.5 / SHIFTS, 0.0)
+        texel = tree.vector("MULTIPLY_ADD", corner, 1 / SHIFTS, centre)
+        step = tree.math("MULTIPLY", is_upper, 1 / SHIFTS)
+        steps = tree.combine(step, step, 0.0), (1 / SHIFTS, 0.0, 0.0), (0.0, 1 / SHIFTS, 0.0)
         lookups = []
-        for step, power in zip(steps, powers, strict=True):
-            centre = (0.5 / SHIFTS, 0.5 / SHIFTS, 0.0)
-            at = tree.vector("MULTIPLY_ADD", tree.vector("ADD", corner, step), 1 / SHIFTS, centre)
+        for step_in_table, weight in zip(steps, (third, first, second), strict=True):
+            at = tree.vector("ADD", texel, step_in_table)
             shift = self._lookup(tiling.shifts, at, "Closest")
-            lookups.append(
-                TextureLookup(tree.vector("ADD", place, shift), tree.math("DIVIDE", power, total))
-            )
+            lookups.append(TextureLookup(tree.vector("ADD", place, shift), weight))
         return lookups
+
+    def _product(self, vector: Socket, other: tuple[float, float, float]) -> Socket:
+        """Return the scalar product of two vectors."""
+        node = self._tree.add("VectorMath", {0: vector, 1: other}, operation="DOT_PRODUCT")
+        return node.outputs["Value"]
 
     def _lookup(self, table: NDArray[np.float32], at: Socket, interpolation: str) -> Socket:
         """Return the colour of a table with up to three values per texel, row 0 at v = 0."""
