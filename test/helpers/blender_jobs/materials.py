@@ -13,6 +13,7 @@ from synthetic_worlds import settings
 
 from oaisys_core.render.blender import BlenderBackend, postprocessing
 from oaisys_core.render.blender.cycles import Cycles
+from oaisys_core.render.blender.materials.footprint import set_pixel_angle
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, Progress
 
@@ -29,6 +30,31 @@ def views(cases: Sequence[tuple[Scene, PlacedCamera]]) -> list[tuple[Frame, ...]
         backend.build(scene, ignore)
         frames.append(backend.render_all([camera], settings(samples=16), ignore))
     return frames
+
+
+def rendered_after(
+    scene: Scene, before: Sequence[PlacedCamera], camera: PlacedCamera
+) -> tuple[tuple[Frame, ...], set[str]]:
+    """Frames of a camera after those of others, and the kinds of data that it changed.
+
+    Cycles compiles materials again if one of them, or a tree of its nodes, has changed.
+    """
+    backend = BlenderBackend()
+    backend.build(scene, ignore)
+    for other in before:
+        backend.render_all([other], settings(samples=4), ignore)
+    kinds: set[str] = set()
+
+    def note(_: Any, graph: Any) -> None:
+        kinds.update(type(update.id).__name__ for update in graph.updates)
+
+    bpy.app.handlers.depsgraph_update_post.append(note)
+    try:
+        set_pixel_angle(camera.intrinsics)
+        bpy.context.view_layer.update()
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(note)
+    return backend.render_all([camera], settings(samples=4), ignore), kinds
 
 
 def blocks(scenes: Sequence[Scene]) -> list[dict[str, int]]:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_OPTICAL_BLENDER, pixel_rays
 from oaisys_core.render.blender.fisheye import Pixel, fisheye_image, fisheye_to_render, set_fisheye
-from oaisys_core.render.shading.looks import TEXEL_PX, pixel_angle_rad
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
@@ -32,13 +31,6 @@ MARGIN_PX = 3
 
 MAX_PIXEL_RATIO = 4.0
 """A pinhole image rendered for a lens has at most so many times the lens image's pixels."""
-
-FOOTPRINT = "footprint"
-"""Node group with the size of a pixel on the surface. All materials share it, so that a change of
-camera rebuilds none of them."""
-
-ANGLE = "angle"
-"""Name of its node that multiplies by the angle of a pixel."""
 
 
 def new_camera() -> Any:
@@ -187,33 +179,6 @@ def _set(owner: Any, **values: float) -> None:
     for name, value in values.items():
         if not isclose(getattr(owner, name), value, rel_tol=1e-7):
             setattr(owner, name, value)
-
-
-def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
-    """Tell materials the largest texel, see `pixel_angle_rad`, unless it is similar to now."""
-    angle = footprint_group().nodes[ANGLE].inputs[1]
-    wanted = pixel_angle_rad(intrinsics, TEXEL_PX)
-    if abs(angle.default_value - wanted) > 1e-6 * wanted:
-        angle.default_value = wanted
-
-
-def footprint_group() -> Any:
-    """Return the node group whose output is the size in metres of a pixel on the surface."""
-    group: Any = bpy.data.node_groups.get(FOOTPRINT)
-    if group is not None:
-        return group
-    group = bpy.data.node_groups.new(FOOTPRINT, "ShaderNodeTree")
-    # Keeps it through a purge between two worlds.
-    group.use_fake_user = True
-    group.interface.new_socket("Metres", in_out="OUTPUT", socket_type="NodeSocketFloat")
-    nodes, links = group.nodes, group.links
-    times_angle = nodes.new("ShaderNodeMath")
-    times_angle.name, times_angle.operation = ANGLE, "MULTIPLY"
-    times_angle.inputs[1].default_value = 0.0
-    camera = nodes.new("ShaderNodeCameraData")
-    links.new(camera.outputs["View Distance"], times_angle.inputs[0])
-    links.new(times_angle.outputs[0], nodes.new("NodeGroupOutput").inputs[0])
-    return group
 
 
 def pinhole_to_render(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:

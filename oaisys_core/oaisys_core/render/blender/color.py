@@ -24,11 +24,11 @@ from oaisys_core.render.blender.camera import (
     scale_pinhole,
     set_intrinsics,
     set_lens,
-    set_pixel_angle,
     shutter_motion,
 )
 from oaisys_core.render.blender.cycles import Cycles, albedo_of
 from oaisys_core.render.blender.ground_check import GroundCheck, GroundPlaces
+from oaisys_core.render.blender.materials.footprint import set_pixel_angle
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.blender.objects.sky import Lights
 from oaisys_core.render.blender.time_budget import (

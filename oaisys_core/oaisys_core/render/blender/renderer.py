@@ -16,8 +16,8 @@ from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.blender.adaptive_samples import adapt
 from oaisys_core.render.blender.color import ColorImages, ColorRenderer
 from oaisys_core.render.blender.cycles import Cycles
-from oaisys_core.render.blender.lens_blur import seen_through
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.lens_blur import albedo_behind
 from oaisys_core.render.blender.objects.lamps import LampObjects
 from oaisys_core.render.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.render.blender.objects.sky import Lights
@@ -305,7 +305,7 @@ class BlenderBackend(Backend):
         found = ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
         if found is None or camera.lens is None:
             return found
-        return seen_through(camera.lens, camera.intrinsics, view, found)
+        return albedo_behind(camera.lens, camera.intrinsics, view, found)
 
     def _note(self, found: ColorImages) -> None:
         """Remember how a camera's colour was rendered, and the fewest samples of all cameras."""

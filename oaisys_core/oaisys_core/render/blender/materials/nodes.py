@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from oaisys_core.render.blender.camera import footprint_group
+from oaisys_core.render.blender.materials.footprint import footprint_group
 
 Socket = Any
 """An output socket of a node."""

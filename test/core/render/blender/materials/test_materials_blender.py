@@ -10,7 +10,7 @@ import pytest
 from blender_process import in_blender
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from synthetic_worlds import SUNNY, camera, flat_world
+from synthetic_worlds import SUNNY, camera, flat_world, rocky_world, with_separate_rocks
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.procedural.scatter.rocks import DUST_M, make_rock
@@ -217,3 +217,23 @@ def test_levels_have_no_lookup_in_common() -> None:
     images = [{name for name, _ in of_level} for of_level in lookups]
     assert any(one & other for one, other in pairwise(images))
     assert not any(one & other for one, other in combinations(lookups, 2))
+
+
+def test_a_camera_with_other_pixels_compiles_no_material_again() -> None:
+    is_light = np.random.default_rng(8).uniform(size=(64, 64)) > 0.5
+    layer = TerrainLayer("checked", (1,), checked(is_light))
+    scene = replace(with_separate_rocks(rocky_world()), sky=BRIGHT)
+    scene = replace(
+        world(level(), (layer,)), placements=scene.placements, prototypes=scene.prototypes
+    )
+    pose = pose_looking_at((-9.0, 0.0, 3.0), (0.0, 0.0, 0.5))
+    wide = replace(VIEW, width_px=32, height_px=24, fx_px=8.0, fy_px=8.0, cx_px=15.5, cy_px=11.5)
+    narrow = replace(wide, fx_px=64.0, fy_px=64.0)
+    first, second = (camera(pose, each, (RGB,)) for each in (wide, narrow))
+
+    alone, _ = in_blender("materials.rendered_after", scene, [], second)
+    after, kinds = in_blender("materials.rendered_after", scene, [first, second, first], second)
+
+    assert "Object" in kinds
+    assert not any("Material" in kind or "Tree" in kind for kind in kinds)
+    np.testing.assert_array_equal(after[0].data, alone[0].data)

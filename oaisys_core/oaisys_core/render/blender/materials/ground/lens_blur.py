@@ -33,7 +33,7 @@ def blur_px(lens: Lens, intrinsics: PinholeIntrinsics, depth_m: FloatArray) -> F
     return np.asarray(out_of_focus[..., None] * aperture_m * (intrinsics.fx_px, intrinsics.fy_px))
 
 
-def seen_through(
+def albedo_behind(
     lens: Lens, intrinsics: PinholeIntrinsics, view: View, ground: PixelAlbedo
 ) -> PixelAlbedo:
     """Return the albedo behind a lens; it is known where the blur is at most `MOST_BLUR_PX`."""
