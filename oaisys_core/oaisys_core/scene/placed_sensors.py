@@ -84,23 +84,19 @@ class PlacedCamera(ShortRepr):
     @property
     def is_still(self) -> bool:
         """Whether the camera does not move while its shutter is open."""
-        return not self._is_blurred()
+        if self.exposure_s and self.pose_at is not None:
+            open_s = np.array((-0.5, 0.5)) * self.exposure_s + (0.0, self.readout_s)
+            T_begin, T_end = self.pose_at(open_s)
+            return np.allclose(T_begin, T_end, rtol=0, atol=STILL)
+        if self.shutter_share and self.T_map_previous is not None:
+            return np.allclose(self.T_map_previous, self.T_map_camera, rtol=0, atol=STILL)
+        return True
 
     @property
     def depends_on_past(self) -> bool:
         """Whether the images depend on the camera's pose at the previous sample."""
         is_blurred = (self.shutter_share or self.exposure_s) and RGB in self.modalities
         return FLOW in self.modalities or bool(is_blurred or self.readout_s)
-
-    def _is_blurred(self) -> bool:
-        """Return whether the camera moves while its shutter is open."""
-        if self.exposure_s and self.pose_at is not None:
-            open_s = np.array((-0.5, 0.5)) * self.exposure_s + (0.0, self.readout_s)
-            T_begin, T_end = self.pose_at(open_s)
-            return not np.allclose(T_begin, T_end, rtol=0, atol=STILL)
-        if self.shutter_share and self.T_map_previous is not None:
-            return not np.allclose(self.T_map_previous, self.T_map_camera, rtol=0, atol=STILL)
-        return False
 
     def row_poses(self) -> FloatArray | None:
         """Return the (H, 4, 4) pose in the middle of each row's exposure; None if all are one."""

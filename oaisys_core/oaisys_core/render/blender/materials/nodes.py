@@ -79,6 +79,11 @@ class NodeTree:
         """Return a vector of three scalars."""
         return self.add("CombineXYZ", {0: x, 1: y, 2: z}).outputs[0]
 
+    def dot(self, first: Any, second: Any) -> Socket:
+        """Return the scalar product of two vectors."""
+        node = self.add("VectorMath", {0: first, 1: second}, operation="DOT_PRODUCT")
+        return node.outputs["Value"]
+
     def component(self, vector: Any, axis: int) -> Socket:
         """Return a component of a vector or colour.
 
@@ -86,8 +91,7 @@ class NodeTree:
         """
         unit = [0.0, 0.0, 0.0]
         unit[axis] = 1.0
-        node = self.add("VectorMath", {0: vector, 1: tuple(unit)}, operation="DOT_PRODUCT")
-        return node.outputs["Value"]
+        return self.dot(vector, tuple(unit))
 
     def mix(self, factor: Any, first: Socket, second: Socket) -> Socket:
         """Return a surface that blends from the first (factor 0) to the second (1)."""

@@ -75,8 +75,7 @@ def set_law(law: PhotometricLaw | None, sky: Sky) -> None:
     to_eye = tree.add("NewGeometry").outputs["Incoming"]
 
     def cosine(first: Any, second: Any) -> NodeValue:
-        node = tree.add("VectorMath", {0: first, 1: second}, operation="DOT_PRODUCT")
-        return NodeValue(tree, node.outputs["Value"])
+        return NodeValue(tree, tree.dot(first, second))
 
     cosines = cosine(normal, sky.to_sun), cosine(normal, to_eye), cosine(to_eye, sky.to_sun)
     tree.connect(relative_to_lambert(law, *cosines).socket, output.inputs[0])

@@ -65,11 +65,11 @@ class TilingNodes:
         # Vectors where they do: Cycles compares each node of a material with all of its kind.
         tree = self._tree
         per_tile = 1.0 / tiling.cell_tiles
-        x = self._product(place, (per_tile, -per_tile / sqrt(3), 0.0))
-        y = self._product(place, (0.0, per_tile * 2 / sqrt(3), 0.0))
+        x = tree.dot(place, (per_tile, -per_tile / sqrt(3), 0.0))
+        y = tree.dot(place, (0.0, per_tile * 2 / sqrt(3), 0.0))
         skewed = tree.combine(x, y, 0.0)
         corner, inside = tree.vector("FLOOR", skewed), tree.vector("FRACTION", skewed)
-        rest = tree.math("SUBTRACT", 1.0, self._product(inside, (1.0, 1.0, 0.0)))
+        rest = tree.math("SUBTRACT", 1.0, tree.dot(inside, (1.0, 1.0, 0.0)))
         is_upper = tree.math("LESS_THAN", rest, 0.0)
         beyond = tree.math("MULTIPLY", is_upper, rest)
         more = tree.combine(beyond, beyond, tree.math("ABSOLUTE", rest))
@@ -77,7 +77,7 @@ class TilingNodes:
         powers = shares
         for _ in range(CRISPNESS - 1):
             powers = tree.vector("MULTIPLY", powers, shares)
-        total = self._product(powers, (1.0, 1.0, 1.0))
+        total = tree.dot(powers, (1.0, 1.0, 1.0))
         weights = tree.scale(powers, tree.math("DIVIDE", 1.0, total))
         first, second, third = tree.add("SeparateXYZ", {0: weights}).outputs
         centre = (0.5 / SHIFTS, 0.5 / SHIFTS, 0.0)
@@ -90,11 +90,6 @@ class TilingNodes:
             shift = self._lookup(tiling.shifts, at, "Closest")
             lookups.append(TextureLookup(tree.vector("ADD", place, shift), weight))
         return lookups
-
-    def _product(self, vector: Socket, other: tuple[float, float, float]) -> Socket:
-        """Return the scalar product of two vectors."""
-        node = self._tree.add("VectorMath", {0: vector, 1: other}, operation="DOT_PRODUCT")
-        return node.outputs["Value"]
 
     def _lookup(self, table: NDArray[np.float32], at: Socket, interpolation: str) -> Socket:
         """Return the colour of a table with up to three values per texel, row 0 at v = 0."""

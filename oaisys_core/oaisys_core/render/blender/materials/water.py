@@ -101,8 +101,7 @@ def _slope_towards_eye(tree: NodeTree, variance: Socket) -> Socket:
     upward = tree.math("MAXIMUM", tree.component(to_eye, 2), 1e-3)
     level = tree.vector("MULTIPLY", to_eye, (1.0, 1.0, 0.0))
     tangents = tree.scale(level, tree.math("DIVIDE", 1.0, upward))
-    squared = tree.add("VectorMath", {0: tangents, 1: tangents}, operation="DOT_PRODUCT")
-    steepness = tree.math("MULTIPLY", variance, squared.outputs["Value"])
+    steepness = tree.math("MULTIPLY", variance, tree.dot(tangents, tangents))
     shown = tree.math("SQRT", tree.math("MULTIPLY_ADD", steepness, 2 / pi, 1.0))
     return tree.scale(tangents, tree.math("DIVIDE", variance, shown))
 

@@ -154,8 +154,7 @@ def _up(tree: NodeTree, ray: Socket) -> Socket:
 
 def _towards_sun(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
     """Return the cosine of the angle between a ray and the direction of the sun."""
-    product = tree.add("VectorMath", {0: ray, 1: sky.to_sun}, operation="DOT_PRODUCT")
-    return tree.math("MINIMUM", product.outputs["Value"], 1.0)
+    return tree.math("MINIMUM", tree.dot(ray, sky.to_sun), 1.0)
 
 
 def _constant(tree: NodeTree, color: Color) -> Socket:

@@ -267,8 +267,7 @@ class LayerNodes:
         if self._plane.axes is None:
             return factor
         # The same along both sides, so that beds go on around the corners of a cliff.
-        inputs: dict[str | int, Any] = {0: self._position, 1: ALONG_BEDS}
-        along = tree.add("VectorMath", inputs, operation="DOT_PRODUCT").outputs["Value"]
+        along = tree.dot(self._position, ALONG_BEDS)
         height = tree.add("SeparateXYZ", {0: self._position}).outputs["Z"]
         beds = self._pattern(tree.combine(along, height, 0.0), BED_SCALE, BED_CONTRAST, macro)
         return tree.vector("MULTIPLY", factor, beds)
