@@ -57,7 +57,8 @@ def has_sky_after_a_failure(sky: Sky, other: Sky) -> bool:
     lights.set(sky, None)
     nodes = bpy.context.scene.world.node_tree.nodes
     images = [node.image for node in nodes if node.type == "TEX_ENVIRONMENT"]
-    return [image.name for image in images] == [sky.hdri.image.name if sky.hdri else ""]
+    names = [image.name.partition(".")[0] for image in images]  # ".001" beside one of that name
+    return names == [sky.hdri.image.name if sky.hdri else ""]
 
 
 def linear_worlds(

@@ -14,7 +14,9 @@ from synthetic_worlds import settings
 from oaisys_core.render.blender import BlenderBackend, postprocessing
 from oaisys_core.render.blender.cycles import Cycles
 from oaisys_core.render.blender.materials.footprint import set_pixel_angle
+from oaisys_core.render.draft.frames import DRAFT
 from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import Frame, Progress
 
 
@@ -66,6 +68,30 @@ def blocks(scenes: Sequence[Scene]) -> list[dict[str, int]]:
         kinds = ("images", "materials", "node_groups")
         counts.append({kind: len(getattr(bpy.data, kind)) for kind in kinds})
     return counts
+
+
+def images_through_updates(
+    scenes: Sequence[Scene], camera: PlacedCamera, wanted: Sequence[RenderSettings]
+) -> list[tuple[int, int, int]]:
+    """What becomes of Blender's images as one world after the other is shown and rendered.
+
+    Returns for each change of the world how many images of the last render that Cycles made were
+    removed before the next render, how many there were before that, and how many are left after.
+    """
+    backend = BlenderBackend()
+    backend.build(scenes[0], ignore)
+    backend.render_all([camera], wanted[0], ignore)
+    in_cycles = {image.as_pointer() for image in bpy.data.images}
+    found = []
+    for scene, quality in zip(scenes[1:], wanted[1:], strict=True):
+        backend.update(scene)
+        present = {image.as_pointer() for image in bpy.data.images}
+        backend.render_all([camera], quality, ignore)
+        left = {image.as_pointer() for image in bpy.data.images}
+        found.append((len(in_cycles - present), len(present), len(left)))
+        if quality.quality != DRAFT:
+            in_cycles = left
+    return found
 
 
 def lookups_by_level(scene: Scene) -> list[set[tuple[str, str]]]:

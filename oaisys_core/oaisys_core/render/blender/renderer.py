@@ -186,6 +186,7 @@ class BlenderBackend(Backend):
         progress: ProgressCallback,
     ) -> Iterator[FrameGroup]:
         """Render colours on this thread while another one computes the geometry."""
+        self._scene_geometry.images.begin_render()
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
         colors = [each for camera in cameras for each in self._color_renders(camera, settings)]
         scene = self._require_built().scene
@@ -224,6 +225,7 @@ class BlenderBackend(Backend):
                     images = {ALBEDO: self._colors.albedo(scene, camera, chosen, left_s, seen)}
                 geometry.group.result()
                 yield FrameGroup.of([frame_of(camera, *each) for each in images.items()])
+        self._scene_geometry.images.end_render()
 
     def _drafts(
         self,
@@ -318,6 +320,7 @@ class BlenderBackend(Backend):
         are_new_lamps = self._lamps.set(scene.lamps)
         if is_new_sky or are_new_lamps:
             self._colors.world_changed()
+        self._scene_geometry.images.remove_unused()
         kinds = tuple(lamp.kind for lamp in scene.lamps)
         self._cycles.use_lamps(kinds, has_sun=scene.sky.lamp_w_m2 > 0)
 

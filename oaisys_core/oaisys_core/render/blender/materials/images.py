@@ -18,11 +18,16 @@ OPAQUE = np.full((1, 1), 255, dtype=np.uint8)
 
 
 class ImageStore(LevelStore):
-    """Blender's images of texture sets; each map is converted on first use."""
+    """Blender's images of texture sets, each converted on first use, and the removal of all images.
+
+    Cycles knows an image by its address, until a render goes without it. One that Cycles may have
+    is removed only then: a new one at its address would be shown with its pixels.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
+        self._in_cycles: set[int] = set()
 
     def color(self, maps: PbrMaps) -> Any:
         """Return the albedo with `heights` in alpha."""
@@ -37,11 +42,35 @@ class ImageStore(LevelStore):
         """Return the height, 0 to 1."""
         return self._store(maps, "height", maps.height[..., None] * 255)
 
+    def begin_render(self) -> None:
+        """Take all images for those that Cycles has."""
+        self._in_cycles.update(image.as_pointer() for image in bpy.data.images)
+
+    def end_render(self) -> None:
+        """Remove all unused images, after a render that was not broken off."""
+        self.forget_cycles()
+        self.remove_unused()
+        self.begin_render()
+
+    def forget_cycles(self) -> None:
+        """Take it that Cycles has no image, as after its data was freed."""
+        self._in_cycles.clear()
+
     def remove_unused(self) -> None:
-        """Remove images that no material uses any more."""
-        unused = [key for key, (_, image) in self._images.items() if image.users <= 1]
-        bpy.data.batch_remove([self._images.pop(key)[1] for key in unused])
-        self.keep_levels({key for key, _ in self._images})
+        """Remove images that nothing uses any more, but for those that Cycles may have."""
+        unused = [
+            image
+            for image in bpy.data.images
+            if image.users <= image.use_fake_user
+            and image.source != "VIEWER"
+            and image.as_pointer() not in self._in_cycles
+        ]
+        if not unused:
+            return
+        kept = {key: held for key, held in self._images.items() if held[1] not in unused}
+        self._images = kept
+        bpy.data.batch_remove(unused)
+        self.keep_levels({key for key, _ in kept})
 
     def _store(
         self,
@@ -58,14 +87,23 @@ class ImageStore(LevelStore):
             np.multiply(rgb[::-1], BYTE, out=pixels[..., :3])
             np.multiply(alpha[::-1], BYTE, out=pixels[..., 3])
             image = new_image(f"{maps.name}_{kind}", pixels, is_float=False, is_color=is_color)
-            # A user beside the materials, so that only `remove_unused` removes it.
-            image.use_fake_user = True
             self._images[key] = (maps, image)
         return self._images[key][1]
 
 
+def purge_orphans() -> None:
+    """Remove whatever nothing uses, but images: see `ImageStore`."""
+    for image in bpy.data.images:
+        if not image.use_fake_user:
+            image.use_fake_user = True
+    bpy.data.orphans_purge(do_recursive=True)
+
+
 def new_image(name: str, pixels: NDArray[np.float32], *, is_float: bool, is_color: bool) -> Any:
-    """Return an image of (rows, cols, 4) float32 pixels, bottom row first."""
+    """Return an image of (rows, cols, 4) float32 pixels, bottom row first.
+
+    `ImageStore.remove_unused` removes it once no material uses it any more.
+    """
     rows, cols, _ = pixels.shape
     image = bpy.data.images.new(name, cols, rows, alpha=True, float_buffer=is_float)
     image.colorspace_settings.name = "sRGB" if is_color else "Non-Color"

@@ -28,7 +28,6 @@ class CloudSheet:
 
     def __init__(self) -> None:
         self._sheet: Any = None
-        self._image: Any = None
         self._shadows: CloudShadows | None = None
 
     def set(self, shadows: CloudShadows | None) -> None:
@@ -37,20 +36,17 @@ class CloudSheet:
             return
         if self._sheet is None:
             self._sheet = _new_sheet()
-        before, self._image, self._shadows = self._image, None, None
+        self._shadows = None
         self._sheet.hide_render = shadows is None
         if shadows is not None:
             reach_m = REACH_M + shadows.base_m * hypot(*shadows.per_m)
             self._sheet.location = (0.0, 0.0, shadows.base_m)
             self._sheet.scale = (reach_m, reach_m, 1.0)
-            self._image = self._add_nodes(shadows)
-        # Only now, because Cycles takes an image at the same address for the one before.
-        if before is not None:
-            bpy.data.images.remove(before)
+            self._add_nodes(shadows)
         self._shadows = shadows
 
-    def _add_nodes(self, shadows: CloudShadows) -> Any:
-        """Make the sheet let light through, and return the image of how much."""
+    def _add_nodes(self, shadows: CloudShadows) -> None:
+        """Make the sheet let light through."""
         pixels = np.ones((GRID, GRID, 4), np.float32)
         pixels[..., :3] = shadows.share[..., None]
         image = new_image("cloud_shadows", pixels, is_float=True, is_color=False)
@@ -67,7 +63,6 @@ class CloudSheet:
         color = texel.outputs["Color"]
         through = tree.add("BsdfTransparent", {"Color": color}).outputs[0]
         tree.add("OutputMaterial", {"Surface": through})
-        return image
 
 
 def _new_sheet() -> Any:

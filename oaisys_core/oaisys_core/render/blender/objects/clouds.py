@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import pi
 from typing import Any
 
-import bpy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,16 +26,14 @@ class CloudPicture:
         self._pixels: NDArray[np.float32] | None = None
 
     def set(self, sky: Sky) -> None:
-        """Take over the clouds of a sky; without any, the picture is removed."""
+        """Take over the clouds of a sky."""
         pixels = cloud_image(sky) if sky.shows_clouds else None
         if pixels is self._pixels:
             return
-        before, self._image, self._pixels = self._image, None, pixels
+        self._image = self._pixels = None
         if pixels is not None:
             self._image = new_image("clouds", pixels, is_float=True, is_color=False)
-        # Only now, because Cycles takes an image at the same address for the one before.
-        if before is not None:
-            bpy.data.images.remove(before)
+        self._pixels = pixels
 
     def along(self, tree: NodeTree, ray: Socket) -> tuple[Socket, Socket]:
         """Return the radiance of clouds along unit vectors, and the share of the sky's there."""

@@ -11,7 +11,7 @@ from oaisys_core.procedural.contact_map import MAX_TRACKS, contact_map, has_rim,
 from oaisys_core.render.blender.materials.contact import DRIVEN
 from oaisys_core.render.blender.materials.ground.albedo import GroundAlbedo
 from oaisys_core.render.blender.materials.ground.material import GroundMaterials
-from oaisys_core.render.blender.materials.images import ImageStore
+from oaisys_core.render.blender.materials.images import ImageStore, purge_orphans
 from oaisys_core.render.blender.objects.meshes import (
     GroundMeshes,
     new_mesh,
@@ -49,7 +49,11 @@ class SceneGeometry:
         self._driven: list[float] = []
 
     def clear(self, scene: Scene) -> bool:
-        """Remove all objects, and the ground unless ``scene`` has the same; return if it stays."""
+        """Remove all objects, and the ground unless ``scene`` has the same; return if it stays.
+
+        Cycles must have been freed.
+        """
+        self.images.forget_cycles()
         self._objects.clear()
         if self._ground is None:
             return False
@@ -74,7 +78,7 @@ class SceneGeometry:
     def build_objects(self, scene: Scene) -> None:
         """Build the objects, then remove unused data."""
         self._objects.update(scene)
-        self._purge()
+        purge_orphans()
 
     def update(self, scene: Scene) -> bool:
         """Take over what a sample changed, and return whether the ground changed."""
@@ -90,7 +94,7 @@ class SceneGeometry:
         self._objects.update(scene)
         parts = ("material", "prototypes", "primitives")
         if any(getattr(scene, part) is not getattr(before, part) for part in parts):
-            self._purge()
+            purge_orphans()
         return is_new_ground
 
     def ground_mesh(self) -> TriangleMesh:
@@ -129,10 +133,6 @@ class SceneGeometry:
         bpy.data.batch_remove([self._ground])
         self._ground = None
         self._far_ground.clear()
-
-    def _purge(self) -> None:
-        bpy.data.orphans_purge(do_recursive=True)
-        self.images.remove_unused()
 
 
 class FarGroundObject:

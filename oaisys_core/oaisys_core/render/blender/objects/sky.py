@@ -80,8 +80,6 @@ class Background:
     def _keep_image(self, image: SkyImage | None) -> None:
         if image is self._image_of:
             return
-        if self._image is not None:
-            bpy.data.images.remove(self._image)
         # Before the new one: what cannot be made must not count as there the next time.
         self._image = self._image_of = None
         self._image = None if image is None else _new_image(image)

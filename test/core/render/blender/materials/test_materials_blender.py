@@ -10,7 +10,14 @@ import pytest
 from blender_process import in_blender
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from synthetic_worlds import SUNNY, camera, flat_world, rocky_world, with_separate_rocks
+from synthetic_worlds import (
+    SUNNY,
+    camera,
+    flat_world,
+    rocky_world,
+    settings,
+    with_separate_rocks,
+)
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.procedural.scatter.rocks import DUST_M, make_rock
@@ -24,6 +31,7 @@ from oaisys_core.scene import (
     TerrainLayer,
     TerrainMaterial,
 )
+from oaisys_core.scene.sky import Clouds
 from oaisys_core.scene.terrain_material import LabelImage, Variation
 from oaisys_core.scene.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 from oaisys_core.types import (
@@ -203,6 +211,34 @@ def test_another_material_leaves_nothing_of_the_old_one() -> None:
         [replace(scene, stage_hash=str(index)) for index, scene in enumerate(order)],
     )
     assert counts[len(scenes) :] == counts[: len(scenes)]
+
+
+def test_cycles_keeps_its_images_until_a_render_goes_without_them() -> None:
+    """A new one at the address of one before would be shown with that one's pixels."""
+    rocky = with_separate_rocks(rocky_world())
+    skies = [
+        replace(SUNNY, model="none", clouds=Clouds(0.4, 60.0, 30.0, 1500.0, seed=seed))
+        for seed in (1, 2)
+    ]
+    first, second = (replace(rocky, sky=sky) for sky in skies)
+    (placement, *_) = rocky.placements
+    ground = replace(
+        rocky.material, layers=rocky.material.layers[:1], masks=rocky.material.masks[:1]
+    )
+    clear = replace(rocky, sky=SUNNY, material=ground, placements=())
+    few = replace(first, placements=(placement,))
+    scenes = [first, second, few, clear, second, first, second, first]
+    view = camera(pose_looking_at((-9.0, 0.0, 3.0), (0.0, 0.0, 0.5)), modalities=(RGB,))
+    quick, draft = settings(), replace(settings(), quality="draft")
+    changes = in_blender(
+        "materials.images_through_updates", scenes, view, [quick] * 5 + [draft] * 3
+    )
+    removed, present, left = zip(*changes, strict=True)
+    assert removed == (0,) * len(changes)
+    # A render that Cycles made lets go of what nothing uses; drafts pile nothing up.
+    assert present[0] == left[0] + 2
+    assert left[3] == left[0]
+    assert len(set(left[4:])) == 1
 
 
 def test_levels_have_no_lookup_in_common() -> None:

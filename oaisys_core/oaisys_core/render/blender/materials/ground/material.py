@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from functools import cached_property, partial
 from typing import Any
 
-import bpy
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -91,10 +90,7 @@ class GroundMaterials:
 
     def show_contact(self, contact: ContactMap | None) -> None:
         """Show the fines at the feet of things; None shows none."""
-        old = self._rims.image
         self._rims.image = contact_image(contact)
-        if old is not None:
-            bpy.data.images.remove(old)
 
     def around_stage(self, detail: LandDetail | None) -> Any:
         """Return the material of the ground around the stage, made now if it is another one."""
