@@ -44,11 +44,15 @@ class ImageStore(LevelStore):
 
     def begin_render(self) -> None:
         """Take all images for those that Cycles has."""
-        self._in_cycles.update(image.as_pointer() for image in bpy.data.images)
+        self._in_cycles = _addresses()
 
     def end_render(self) -> None:
-        """Remove all unused images, after a render that was not broken off."""
-        self.forget_cycles()
+        """Remove unused images, after renders that were not broken off.
+
+        Those made since `begin_render` stay: one of several renders may have been the last to use
+        them.
+        """
+        self._in_cycles = _addresses() - self._in_cycles
         self.remove_unused()
         self.begin_render()
 
@@ -89,6 +93,10 @@ class ImageStore(LevelStore):
             image = new_image(f"{maps.name}_{kind}", pixels, is_float=False, is_color=is_color)
             self._images[key] = (maps, image)
         return self._images[key][1]
+
+
+def _addresses() -> set[int]:
+    return {image.as_pointer() for image in bpy.data.images}
 
 
 def purge_orphans() -> None:
