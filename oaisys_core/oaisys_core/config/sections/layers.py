@@ -108,7 +108,9 @@ class LookConfig(Section):
         displacement_m: Height of the full range of the height map; None keeps the normal map.
         normal_strength: Factor on the slopes of the normal map.
         anti_tiling: How repetition is hidden: ``voronoi`` rotates and shifts the texture in each
-            cell, ``stochastic`` blends shifted copies on a triangular lattice.
+            cell, ``stochastic`` blends shifted copies on a triangular lattice; None for
+            ``voronoi`` where it would be seen (regolith, rock, bedrock, basalt, lava, ice, mud,
+            moss, leaf_litter), and for ``none`` with other built-in textures and folders.
         cell_tiles: Cell size of ``anti_tiling``, in tiles.
         rotation_deg: Largest rotation of a Voronoi cell to either side.
         share: Share of the ground relative to other layers; None counts as 1 if another layer has
@@ -125,7 +127,7 @@ class LookConfig(Section):
     color: ColorConfig = ColorConfig()
     displacement_m: Range | None = None
     normal_strength: float = Field(default=1.0, ge=0, le=10)
-    anti_tiling: Literal["none", "voronoi", "stochastic"] = "none"
+    anti_tiling: Literal["none", "voronoi", "stochastic"] | None = None
     cell_tiles: float = Field(default=1.0, ge=0.1, le=100)
     rotation_deg: float = Field(default=180.0, ge=0, le=180)
     share: Positive | None = None

@@ -5,6 +5,7 @@ from oaisys_core.procedural.textures.folder import load_texture_folder
 from oaisys_core.procedural.textures.library import (
     TEXTURES,
     TEXTURES_WITH_STONES,
+    stands_out,
     texture_exposure,
     texture_set,
     texture_stones,
@@ -15,6 +16,7 @@ __all__ = [
     "TEXTURES_WITH_STONES",
     "default_cache_dir",
     "load_texture_folder",
+    "stands_out",
     "texture_exposure",
     "texture_set",
     "texture_stones",

@@ -107,6 +107,11 @@ def texture_exposure(name: str) -> float:
     return RECIPES[name].exposure
 
 
+def stands_out(name: str) -> bool:
+    """Return whether one sees that a built-in texture set repeats, see `Recipe`."""
+    return RECIPES[name].stands_out
+
+
 def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
     """Make a built-in texture set."""
     recipe, made = RECIPES[name], _make(name, size_px, seed)

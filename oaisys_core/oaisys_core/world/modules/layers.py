@@ -18,6 +18,7 @@ from oaisys_core.procedural.textures import (
     TEXTURES_WITH_STONES,
     default_cache_dir,
     load_texture_folder,
+    stands_out,
     texture_exposure,
     texture_set,
     texture_stones,
@@ -224,9 +225,12 @@ def _draw(bounds: tuple[float, float] | None, rng: np.random.Generator) -> float
 
 def _tiling(look: LookConfig, rng: np.random.Generator) -> Tiling:
     draw = randomness.child(rng, "tiling")
-    if look.anti_tiling == "voronoi":
+    kind = look.anti_tiling
+    if kind is None and look.folder is None and stands_out(look.texture):
+        kind = "voronoi"
+    if kind == "voronoi":
         return voronoi_tiling(look.cell_tiles, radians(look.rotation_deg), draw)
-    if look.anti_tiling == "stochastic":
+    if kind == "stochastic":
         return stochastic_tiling(look.cell_tiles, draw)
     return PlainTiling()
 

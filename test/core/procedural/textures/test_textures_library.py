@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import oaisys_core
-from oaisys_core.procedural.textures import TEXTURES
+from oaisys_core.procedural.textures import TEXTURES, stands_out
 from oaisys_core.procedural.textures.code_version import CODE, PACKAGE, code_files
 from oaisys_core.procedural.textures.library import RECIPES, make_texture_set
 from oaisys_core.scene import PbrMaps
@@ -119,6 +119,18 @@ def test_no_part_of_the_tile_stands_out(made: dict[str, PbrMaps], name: str) -> 
     image = luminance(made[name])
     parts = image.reshape(4, SIZE // 4, 4, SIZE // 4).mean(axis=(1, 3)) / image.mean()
     assert np.abs(parts - 1).max() < 0.35
+
+
+def test_textures_with_large_forms_are_laid_without_repetition(made: dict[str, PbrMaps]) -> None:
+    """Forms of a twelfth of a tile or more, under a sun at 25°."""
+    for name, maps in made.items():
+        across, _, up = np.moveaxis((maps.normal_gl.astype(float) - 128) / 127, -1, 0)
+        light = np.clip(across * np.cos(0.436) + up * np.sin(0.436), 0, None)
+        seen = np.tile(luminance(maps) * light, (3, 3))
+        large = cv2.GaussianBlur(seen, (0, 0), SIZE / 24)[SIZE : 2 * SIZE, SIZE : 2 * SIZE]
+        contrast = large.std() / large.mean()
+        # Bowls of regolith are small, but there is nothing else to see.
+        assert stands_out(name) == (contrast > 0.062 or name == "regolith"), (name, contrast)
 
 
 def test_colours_are_not_more_vivid_than_nature(made: dict[str, PbrMaps]) -> None:

@@ -15,6 +15,7 @@ from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, r
 from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial
+from oaisys_core.scene.tiling import PlainTiling, StochasticTiling, VoronoiTiling
 from oaisys_core.world.module import World
 from oaisys_core.world.modules import MaterialsModule
 from oaisys_core.world.modules.layers import choose_layers
@@ -69,6 +70,25 @@ def test_another_pool_does_not_reshuffle_the_first() -> None:
     for seed in range(20):
         both = names(config(pools=[first, more]), seed)
         assert both[:-1] == names(config(pools=[first]), seed)
+
+
+def test_textures_whose_repetition_would_be_seen_are_turned_and_shifted(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "ground_col.png"), np.full((8, 8, 3), 90, np.uint8))
+    looks: list[dict[str, Any]] = [
+        {"texture": "bedrock"},
+        {"texture": "bedrock", "anti_tiling": "none"},
+        {"texture": "sand"},
+        {"texture": "sand", "anti_tiling": "stochastic"},
+        {"texture": "bedrock", "folder": str(tmp_path)},
+    ]
+    layers = [
+        {"label": f"layer_{index}", "semantic_id": index + 1} | look
+        for index, look in enumerate(looks)
+    ]
+    material = world_of(config(layers=layers)).material
+    assert material is not None
+    kinds = [type(layer.tiling) for layer in material.layers]
+    assert kinds == [VoronoiTiling, PlainTiling, PlainTiling, StochasticTiling, PlainTiling]
 
 
 def test_folders_of_a_pool_are_labelled_by_name_or_table(tmp_path: Path) -> None:

@@ -49,5 +49,5 @@ def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 RECIPES: dict[str, Recipe] = {
-    "mud": Recipe(mud, tile_m=2.4, albedo=(0.05, 0.12), exposure=-0.8),
+    "mud": Recipe(mud, tile_m=2.4, albedo=(0.05, 0.12), exposure=-0.8, stands_out=True),
 }

@@ -58,6 +58,7 @@ class Recipe(NamedTuple):
         exposure: Where such ground lies: 1 on ridges and scarps as bare rock, -1 in hollows and on
             level ground as what wind and water carry.
         has_stones: Whether its maps tell its stones from the ground.
+        stands_out: Whether its forms are so large that their repetition from tile to tile is seen.
         size_px: Edge length of its maps unless another one is asked for.
     """
 
@@ -67,6 +68,7 @@ class Recipe(NamedTuple):
     subsurface: float = 0.0
     exposure: float = 0.0
     has_stones: bool = False
+    stands_out: bool = False
     size_px: int = PAINTED_PX
 
 

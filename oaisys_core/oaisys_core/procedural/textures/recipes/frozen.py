@@ -63,5 +63,7 @@ def _fractures(
 
 
 RECIPES: dict[str, Recipe] = {
-    "ice": Recipe(ice, tile_m=3.6, albedo=(0.15, 0.35), subsurface=0.6, exposure=-0.6),
+    "ice": Recipe(
+        ice, tile_m=3.6, albedo=(0.15, 0.35), subsurface=0.6, exposure=-0.6, stands_out=True
+    ),
 }

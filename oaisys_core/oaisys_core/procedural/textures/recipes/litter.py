@@ -133,5 +133,5 @@ def _with_twigs(height: Field, color: NDArray[np.float32], rng: np.random.Genera
 
 
 RECIPES: dict[str, Recipe] = {
-    "leaf_litter": Recipe(leaf_litter, TILE_M, albedo=(0.08, 0.2), exposure=-0.7),
+    "leaf_litter": Recipe(leaf_litter, TILE_M, albedo=(0.08, 0.2), exposure=-0.7, stands_out=True),
 }

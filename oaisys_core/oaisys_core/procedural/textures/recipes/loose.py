@@ -247,6 +247,6 @@ RECIPES: dict[str, Recipe] = {
     "red_sand": _stony(red_sand, SAND_M, (0.12, 0.25), -0.8),
     "gravel_dark": _stony(gravel_dark, GRAVEL_M, (0.03, 0.1), 0.6),
     "pebbles": _stony(pebbles, PEBBLES_M, (0.1, 0.25), 0.2),
-    "regolith": _stony(regolith, REGOLITH_M, (0.08, 0.15), -0.5),
+    "regolith": _stony(regolith, REGOLITH_M, (0.08, 0.15), -0.5)._replace(stands_out=True),
     "soil": _stony(soil, SOIL_M, (0.08, 0.2), 0.2),
 }

@@ -182,5 +182,7 @@ def _places(
 
 
 RECIPES: dict[str, Recipe] = {
-    "moss": Recipe(moss, TILE_M, albedo=(0.05, 0.15), exposure=-0.4, size_px=BAKED_PX),
+    "moss": Recipe(
+        moss, TILE_M, albedo=(0.05, 0.15), exposure=-0.4, stands_out=True, size_px=BAKED_PX
+    ),
 }

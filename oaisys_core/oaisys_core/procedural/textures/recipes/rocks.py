@@ -128,8 +128,8 @@ def _weather(
 
 
 RECIPES: dict[str, Recipe] = {
-    "rock": Recipe(rock, tile_m=2.0, albedo=(0.1, 0.25), exposure=1.0),
-    "basalt": Recipe(basalt, tile_m=2.0, albedo=(0.06, 0.13), exposure=1.0),
-    "bedrock": Recipe(bedrock, tile_m=4.0, albedo=(0.15, 0.3), exposure=1.0),
-    "lava": Recipe(lava, tile_m=3.0, albedo=(0.04, 0.1), exposure=0.6),
+    "rock": Recipe(rock, tile_m=2.0, albedo=(0.1, 0.25), exposure=1.0, stands_out=True),
+    "basalt": Recipe(basalt, tile_m=2.0, albedo=(0.06, 0.13), exposure=1.0, stands_out=True),
+    "bedrock": Recipe(bedrock, tile_m=4.0, albedo=(0.15, 0.3), exposure=1.0, stands_out=True),
+    "lava": Recipe(lava, tile_m=3.0, albedo=(0.04, 0.1), exposure=0.6, stands_out=True),
 }
