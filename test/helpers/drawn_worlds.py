@@ -32,8 +32,10 @@ MORE_MODALITIES = ("range", "normal", "flow", "semantic_1")
 
 
 def choices(model: type, key: str) -> tuple[Any, ...]:
-    """Return the values of a key that is one of a few words."""
-    return get_args(model.model_fields[key].annotation)  # type: ignore[attr-defined]
+    """Return the values of a key that is one of a few words, or null, which is not among them."""
+    annotation = model.model_fields[key].annotation  # type: ignore[attr-defined]
+    words, *_ = *(each for each in get_args(annotation) if get_args(each)), annotation
+    return get_args(words)
 
 
 def make_files(folder: Path) -> None:

@@ -112,9 +112,10 @@ class RenderConfig(Section):
             samples, bounces, denoising, depth of field and motion blur do not matter to it.
         samples: Samples per pixel; None for those of the preset.
         max_samples: Samples per pixel of views full of plants. Views have between ``samples`` and
-            so many, by how much of them shows fine things such as leaves, or is in shade. None for
-            that of the preset (6 in ``standard``, whose open ground has 3), or for ``samples`` if
-            that is set. The provenance of a sample has the number.
+            so many, by how much of them shows fine things such as leaves, or is in shade; images
+            of up to 64×48 pixels have so many at once. None for that of the preset (6 in
+            ``standard``, whose open ground has 3), or for ``samples`` if that is set. The
+            provenance of a sample has the number.
         denoise: Whether the colour image is denoised.
         max_bounces: Largest number of light bounces; None for that of the preset.
         time_budget_s: Seconds that all cameras of a sample may take together; None for no limit.

@@ -92,8 +92,19 @@ def test_settings_of_one_number_keep_it() -> None:
     assert fixed.clutter == view_need(surface, DOWN).clutter
 
 
+def test_small_images_have_more_samples_within_the_bounds() -> None:
+    surface = Surface(flat_world(), None)
+    wanted = replace(settings(3), denoise=True, max_samples=6)
+    found = []
+    for width_px, height_px in ((64, 48), (72, 54), (80, 60), (96, 72), (320, 240)):
+        intrinsics = replace(DOWN.intrinsics, width_px=width_px, height_px=height_px)
+        found.append(adapt(surface, replace(DOWN, intrinsics=intrinsics), wanted).samples)
+    assert found == [6, 5, 4, 3, 3]
+
+
 def test_a_picture_has_the_samples_that_its_view_needs() -> None:
-    few, many, fixed = in_blender("adaptive.pictures", [flat_world(), reeds(0.5)], DOWN)
+    view = replace(DOWN, intrinsics=PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5))
+    few, many, fixed = in_blender("adaptive.pictures", [flat_world(), reeds(0.3)], view)
     assert (few["samples"], many["samples"]) == (2, 4)
     np.testing.assert_array_equal(many["picture"], fixed["picture"])
 
