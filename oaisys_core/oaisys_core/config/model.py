@@ -23,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import to_jsonable_python
 
-from oaisys_core.config.body_sky import with_sky_of_body
+from oaisys_core.config.body_defaults import with_defaults_of_body
 from oaisys_core.config.draw_checks import (
     check_labels,
     check_options,
@@ -135,7 +135,7 @@ class SimulationConfig(Section):
             plain, draws = separate(data, cls)
         except InvalidInputError as error:
             raise error_of(error) from error
-        config = handler(with_sky_of_body(plain))
+        config = handler(with_defaults_of_body(plain))
 
         def check(each: dict[str, Any]) -> SimulationConfig:
             return cls.model_validate(each, context=info.context)

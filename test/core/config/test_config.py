@@ -197,6 +197,42 @@ def test_without_a_sky_of_its_own_a_world_has_that_of_its_body(
     assert config_from_mapping(config.model_dump()) == config
 
 
+@pytest.mark.parametrize(
+    ("data", "layers", "rocks"),
+    [
+        ({"stage": {"body": "moon"}}, ["regolith"], "basalt"),
+        ({"stage": {"body": 3.3895e6}}, ["red_sand", "gravel_dark"], "basalt"),
+        ({"stage": {"preset": "plane"}}, ["gravel", "sand"], "rock"),
+        ({"stage": {"body": "moon"}, "assets": {"rock_texture": "lava"}}, ["regolith"], "lava"),
+        (
+            {
+                "stage": {"body": "mars"},
+                "materials": {"layers": [{"texture": "ice", "label": "ice", "semantic_id": 1}]},
+            },
+            ["ice"],
+            "basalt",
+        ),
+        (
+            {
+                "stage": {"body": "moon"},
+                "materials": {
+                    "pools": [{"layers": [{"texture": "ice", "label": "ice", "semantic_id": 1}]}]
+                },
+            },
+            [],
+            "basalt",
+        ),
+    ],
+)
+def test_without_a_ground_of_its_own_a_world_has_that_of_its_body(
+    data: dict[str, Any], layers: list[str], rocks: str
+) -> None:
+    config = config_from_mapping(data)
+    assert [layer.texture for layer in config.materials.layers] == layers
+    assert config.assets.rock_texture == rocks
+    assert config_from_mapping(config.model_dump()) == config
+
+
 def test_the_sky_of_mars_is_brighter_and_redder_at_the_horizon() -> None:
     sky = config_from_mapping({"stage": {"body": "mars"}}).environment.sky
     assert sky.horizon_srgb > sky.zenith_srgb

@@ -162,8 +162,10 @@ def test_a_standard_sun_is_as_bright_as_that_of_the_body() -> None:
         stage = {"preset": "plane", "extent_m": 10.0, "resolution_px": 9, "body": body}
         environment = {"sun_elevation_deg": 90.0, "sky": {"model": "none"}}
         sensors = {"cameras": [{"width_px": 8, "height_px": 6, "modalities": ["radiance"]}]}
+        materials = {"layers": [{"texture": "sand", "label": "sand", "semantic_id": 1}]}
         sections = {"stage": stage, "environment": environment, "sensors": sensors}
-        config = config_from_mapping({"backend": "analytic", "assets": {"rocks": []}, **sections})
+        sections |= {"materials": materials, "assets": {"rocks": []}}
+        config = config_from_mapping({"backend": "analytic", **sections})
         simulation = Simulation(config)
         simulation.step_batch()
         sensor: Any = {"pose": pose_looking_down(0.0, 0.0, 2.0)}

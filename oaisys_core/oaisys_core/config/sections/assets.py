@@ -132,7 +132,8 @@ class AssetsConfig(Section):
         groups: Scattered objects of any shape; each group has its own random stream.
         objects: Objects at fixed positions.
         movers: Objects that move from sample to sample.
-        rock_texture: Built-in texture set of the rocks.
+        rock_texture: Built-in texture set of the rocks; by default rock, and basalt on the Moon and
+            Mars (``stage.body``).
         rock_tile_m: Edge length of a tile of this texture.
     """
 

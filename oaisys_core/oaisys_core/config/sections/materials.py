@@ -137,7 +137,8 @@ class MaterialsConfig(Section):
     """The material of the ground: layers blended by masks.
 
     Attributes:
-        layers: Layers of every batch; by default gravel and sand, or none if there are pools.
+        layers: Layers of every batch; by default gravel and sand, those of ``stage.body`` on the
+            Moon and Mars, or none if there are pools.
         pools: Sets of further layers, of which some are drawn for each batch.
         mask: Where the layers lie.
         label_borders: With ``hard`` a point has the label of the layer with the largest weight;

@@ -178,8 +178,9 @@ class StageConfig(Section):
             walls and pits that the edge cuts fade on it within a fraction of their width.
             Exactly flat ground has a plain around it. See also ``environment.ground_beyond``.
         body: Whose curvature the land beyond the stage has: ``earth``, ``moon``, ``mars``, or the
-            radius of another body in metres. Without ``environment.sky`` the sky is the body's,
-            too: black on the Moon, of dust on Mars, else Earth's.
+            radius of another body in metres. What a configuration does not say is the body's, too:
+            ``environment.sky`` is black on the Moon and of dust on Mars, ``materials.layers`` are
+            regolith, or red sand and black gravel, and ``assets.rock_texture`` is basalt.
         water: Lakes, ponds or a sea; None for none.
         detail: Finer ground around the cameras; None for no refinement.
         store: Folder in which the stage of each batch is stored by its hash, so that later runs can
