@@ -152,8 +152,8 @@ def stage_ground(scene: Scene) -> Ground:
 
 
 def has_rim(prototype: MeshPrototype, placement: Placement) -> bool:
-    """Return whether fines lie around the instances of a placement."""
-    return bool(prototype.dust_m) and not placement.is_moving
+    """Return whether fines lie around the instances of a placement, which is on the stage."""
+    return bool(prototype.dust_m) and not (placement.is_moving or placement.on_land)
 
 
 class Outlines(NamedTuple):

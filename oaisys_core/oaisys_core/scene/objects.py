@@ -116,6 +116,8 @@ class Placement(ShortRepr):
         T_map_object: (N, 4, 4) float64, rotation times uniform scale, and translation.
         instance_ids: (N,) uint32, unique in the scene, from 1.
         is_moving: Whether its poses change with every sample; those of others rarely change.
+        on_land: Whether they stand on the land around the stage: they are seen as it is, but are
+            not part of the ground truth mesh.
     """
 
     prototype: int
@@ -123,6 +125,7 @@ class Placement(ShortRepr):
     T_map_object: FloatArray
     instance_ids: NDArray[np.uint32]
     is_moving: bool = False
+    on_land: bool = False
 
 
 @dataclass(frozen=True, repr=False)

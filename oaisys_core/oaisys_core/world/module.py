@@ -86,6 +86,7 @@ class World:
     render: RenderSettings | None = None
     semantic_labels: dict[int, str] = field(default_factory=dict)
     sample_id: int = 0
+    _on_stage: tuple[tuple[Placement, ...], tuple[Placement, ...]] | None = None
 
     def keep_stage(self, other: World) -> None:
         """Take over the ground and its material from another world."""
@@ -110,6 +111,15 @@ class World:
         """Whether the ground beyond the stage, if it is shown, is land."""
         return self.ground is not None and self.surroundings.is_land(self.ground)
 
+    def _shown_placements(self, shows_land: bool) -> tuple[Placement, ...]:
+        """Return the placements without those on land that is not shown; the same for the same."""
+        if shows_land or not any(each.on_land for each in self.placements):
+            return self.placements
+        if self._on_stage is None or self._on_stage[0] is not self.placements:
+            on_stage = tuple(each for each in self.placements if not each.on_land)
+            self._on_stage = self.placements, on_stage
+        return self._on_stage[1]
+
     def refine(self) -> None:
         """Refine the ground around the cameras, where it must change."""
         if self.detail is None or not self.cameras:
@@ -126,7 +136,7 @@ class World:
         sky = require(self.sky)
         if sky.shows_plain:
             self.far_ground = self.surroundings.around(require(self.ground), self.far_ground)
-        prototypes, placements = self.prototypes, self.placements
+        prototypes, placements = self.prototypes, self._shown_placements(sky.shows_plain)
         if self.water is not None:
             prototypes, placements = self.water.join(prototypes, placements)
         return Scene(

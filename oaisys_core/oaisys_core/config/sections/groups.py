@@ -49,6 +49,8 @@ class GroupConfig(ShapedConfig):
             others.
         sink: (least, most) share of the height below the ground; None is [0, 0.03] for built-in
             plants and [0.15, 0.4] for all others.
+        beyond_stage: Whether they also stand on the land around the stage, fewer with the distance;
+            None: built-in plants do if ``size_m`` reaches 1 m.
     """
 
     name: Name
@@ -70,6 +72,7 @@ class GroupConfig(ShapedConfig):
     tilt_deg: float | None = Field(default=None, ge=0, le=90)
     align: Fraction | None = None
     sink: tuple[Fraction, Fraction] | None = None
+    beyond_stage: bool | None = None
 
     @field_validator("count", "sink")
     @classmethod

@@ -111,12 +111,7 @@ def scatter_group(
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
     footprints = np.array([footprint_of(shape) for shape in shapes])[shape_of]
     turns = randomness.child(rng, "turns")
-    rotations, depth_m = _stances(group, ground, xy, sizes_m, footprints, turns)
-    T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
-    T_map_object[:, :3, :3] = rotations * sizes_m[:, None, None]
-    T_map_object[:, :2, 3] = xy
-    T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
-    return T_map_object, shape_of
+    return poses_at(group, ground, xy, sizes_m, footprints, turns), shape_of
 
 
 def size_classes_m(group: GroupConfig) -> FloatArray:
@@ -247,6 +242,32 @@ def _runs(values: FloatArray) -> list[tuple[int, int]]:
     borders = np.flatnonzero(np.diff(values)) + 1
     edges = [0, *borders.tolist(), len(values)]
     return [(a, b) for a, b in pairwise(edges) if a < b]
+
+
+def poses_at(
+    group: GroupConfig,
+    ground: Ground,
+    xy: FloatArray,
+    sizes_m: FloatArray,
+    footprints: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return (N, 4, 4) poses with scale of a group's instances at (N, 2) places on a ground.
+
+    Args:
+        group: How they stand.
+        ground: What they stand on.
+        xy: The places.
+        sizes_m: (N,) sizes.
+        footprints: (N, 2) heights and radii of their feet at a size of 1 m.
+        rng: Draws headings, tilts and depths.
+    """
+    rotations, depth_m = _stances(group, ground, xy, sizes_m, footprints, rng)
+    T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
+    T_map_object[:, :3, :3] = rotations * sizes_m[:, None, None]
+    T_map_object[:, :2, 3] = xy
+    T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
+    return T_map_object
 
 
 def _stances(

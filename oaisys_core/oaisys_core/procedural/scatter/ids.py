@@ -29,6 +29,9 @@ FAR = 2**20
 
 FIRST_ADDED_ID = 2**30
 
+ON_LAND = 1000
+"""Number of ids of a group for what stands on the land around the stage."""
+
 
 class IdBlock(NamedTuple):
     """The ids of a group: ``size`` ids from ``first``, and the overflow from ``far_first``."""
@@ -74,6 +77,21 @@ def group_blocks(rocks: IdBlock, counts: Sequence[int]) -> list[IdBlock]:
     return blocks
 
 
+def land_blocks(groups: Sequence[IdBlock]) -> list[IdBlock]:
+    """Return the blocks of what groups have on the land: below the objects' ids, the first on top.
+
+    Where the groups' own ids reach so far, they are the last ones of the groups' overflow blocks.
+    """
+    ends = [each.first + each.size for each in groups if each.first < FIRST_OBJECT_ID]
+    blocks = []
+    for number, group in enumerate(groups, start=1):
+        first = FIRST_OBJECT_ID - number * ON_LAND
+        if first < max(ends, default=0):
+            first = (group.far_first // FAR + 1) * FAR - ON_LAND
+        blocks.append(IdBlock(first, ON_LAND, first + ON_LAND))
+    return blocks
+
+
 class InstanceIdPlan:
     """Assigns instance ids to everything in a configuration, whatever the numbers drawn."""
 
@@ -81,6 +99,7 @@ class InstanceIdPlan:
         most = sum(group.count[1] for group in config.rocks) + len(config.primitives)
         self.rocks = rock_block(most)
         self.groups = group_blocks(self.rocks, [group.count[1] for group in config.groups])
+        self.land = land_blocks(self.groups)
         self._fixed = (
             range(FIRST_OBJECT_ID, FIRST_OBJECT_ID + len(config.objects)),
             range(FIRST_MOVER_ID, FIRST_MOVER_ID + len(config.movers)),
@@ -95,7 +114,8 @@ class InstanceIdPlan:
 
     def knows(self, instance_id: int) -> bool:
         """Return whether a batch of this configuration may use this id."""
-        in_blocks = any(block.holds(instance_id) for block in (self.rocks, *self.groups))
+        blocks = (self.rocks, *self.groups, *self.land)
+        in_blocks = any(block.holds(instance_id) for block in blocks)
         return in_blocks or any(instance_id in ids for ids in self._fixed)
 
 

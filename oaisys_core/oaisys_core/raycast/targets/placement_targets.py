@@ -83,8 +83,9 @@ class PlacementTargets:
             self._moving_targets = [self._instances(others)] if others else []
 
     def meshes(self) -> list[TriangleMesh]:
-        """Return the meshes of all placements, with ids per triangle."""
-        return [each.merge() for each in (*self._static, *self._moving)]
+        """Return the meshes of all placements on the stage, with ids per triangle."""
+        placed = (*self._static, *self._moving)
+        return [each.merge() for each in placed if not each.placement.on_land]
 
     def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
         self._merged = None

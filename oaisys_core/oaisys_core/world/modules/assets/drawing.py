@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import geometry, randomness
-from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
+from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig
 from oaisys_core.config.sections.groups import MAX_INSTANCES, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.scatter.abundance import rock_abundance
-from oaisys_core.procedural.scatter.ground_pose import footprint_of, pose_on_ground
+from oaisys_core.procedural.scatter.beyond_stage import GroundAround, goes_beyond
+from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.groups import scatter_group
 from oaisys_core.procedural.scatter.ids import (
     FIRST_MOVER_ID,
@@ -22,26 +22,21 @@ from oaisys_core.procedural.scatter.ids import (
     IdBlock,
     InstanceIdPlan,
 )
-from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
-from oaisys_core.procedural.scatter.rock_families import family_density, fragment_share
-from oaisys_core.procedural.scatter.rocks import make_rock
-from oaisys_core.procedural.scatter.trajectories import MoverTrajectory, make_trajectory
-from oaisys_core.procedural.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
+from oaisys_core.procedural.scatter.trajectories import make_trajectory
 from oaisys_core.scene import (
     Ground,
     MeshPrototype,
-    PbrMaps,
     Placement,
     Primitive,
     TerrainMaterial,
-    WheelTracks,
 )
+from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray, Georeference, GroupCount, Pose
+from oaisys_core.world.modules.assets.beyond import PlantsOfStage, plants_beyond
 from oaisys_core.world.modules.assets.metadata import AssetMetadata
+from oaisys_core.world.modules.assets.movers import Mover, scale_pose
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
-
-LARGE_ROCK_M = 1.5
-"""Rocks of groups with larger sizes than this have four times as many triangles."""
+from oaisys_core.world.modules.assets.rocks import rock_poses, rock_shapes, rock_sizes_m
 
 
 @dataclass(frozen=True)
@@ -56,42 +51,6 @@ class AssetPlacement:
     placement: Placement
     group: str = ""
     hidden: bool = False
-
-
-@dataclass(frozen=True)
-class Mover:
-    """A placement that moves along a trajectory.
-
-    Attributes:
-        index: Index into `DrawnAssets.placements`.
-        foot_m: Radius of its foot if it stands on the ground; None otherwise.
-        leaves_tracks: Whether it is a rover on the ground.
-    """
-
-    index: int
-    trajectory: MoverTrajectory
-    scale: float
-    foot_m: float | None
-    leaves_tracks: bool = False
-
-    def pose_at(self, sample_id: int, ground: Ground, time_s: float | None = None) -> FloatArray:
-        """Return the (4, 4) pose with scale at a sample, or at a time: `MoverTrajectory`."""
-        T = self.trajectory(sample_id, time_s)
-        if self.foot_m is not None:
-            yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
-            T = pose_on_ground(ground, (T[0, 3], T[1, 3]), yaw_rad, self.foot_m)
-        return scale_pose(T, self.scale)
-
-    @cached_property
-    def _way_m(self) -> FloatArray:
-        return np.asarray(self.trajectory.way_m[:, :2])
-
-    def tracks_at(self, sample_id: int, time_s: float | None = None) -> WheelTracks:
-        """Return the tracks at a sample, or at a time; the points are always the same array."""
-        length_m = np.linalg.norm(np.diff(self._way_m, axis=0), axis=1).sum()
-        share = self.trajectory.way_behind_m(sample_id, time_s) / max(length_m, 1e-9)
-        wheel_y_m, width_m = self.scale * WHEEL_Y, self.scale * WHEEL_WIDTH
-        return WheelTracks(self._way_m, wheel_y_m, width_m, min(float(share), 1.0))
 
 
 @dataclass(frozen=True)
@@ -137,7 +96,9 @@ class AssetGenerator:
         material: TerrainMaterial | None,
         rng: np.random.Generator,
         georeference: Georeference | None = None,
+        land: FarGround | None = None,
     ) -> None:
+        self._around = GroundAround(ground, land) if land is not None else None
         self._config, self._library, self._plan = config, library, plan
         self._georeference = georeference
         self._ground, self._material, self._rng = ground, material, rng
@@ -159,9 +120,10 @@ class AssetGenerator:
             make_primitive(primitive, int(instance_id))
             for primitive, instance_id in zip(self._config.primitives, ids, strict=True)
         )
-        for group, block in zip(self._config.groups, self._plan.groups, strict=True):
+        blocks = zip(self._plan.groups, self._plan.land, strict=True)
+        for group, (block, on_land) in zip(self._config.groups, blocks, strict=True):
             factor = metadata.count_factor * metadata.group(group.name).count_factor
-            self._draw_group(group, block, factor)
+            self._draw_group(group, block, on_land, factor)
         for index, thing in enumerate(self._config.objects):
             self._add_object(thing, FIRST_OBJECT_ID + index)
         for index, mover in enumerate(self._config.movers):
@@ -184,9 +146,9 @@ class AssetGenerator:
         number = 0
         maps = self._library.rock_maps() if self._config.rocks else None
         for index, group in enumerate(self._config.rocks):
-            shapes = _rock_shapes(group, maps, self._rng)
-            sizes_m = _rock_sizes_m(group, factor, self._ground, self._rng)
-            T_map_object = _rock_poses(group, sizes_m, self._ground, shapes, self._rng)
+            shapes = rock_shapes(group, maps, self._rng)
+            sizes_m = rock_sizes_m(group, factor, self._ground, self._rng)
+            T_map_object = rock_poses(group, sizes_m, self._ground, shapes, self._rng)
             if len(T_map_object) < len(sizes_m):
                 placed = GroupCount(f"rocks.{index}", len(sizes_m), len(T_map_object))
                 self._counts.append(placed)
@@ -199,7 +161,9 @@ class AssetGenerator:
             self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids)
         return number
 
-    def _draw_group(self, group: GroupConfig, block: IdBlock, factor: float) -> None:
+    def _draw_group(
+        self, group: GroupConfig, block: IdBlock, on_land: IdBlock, factor: float
+    ) -> None:
         rng = randomness.child(self._rng, f"group/{group.name}")
         shapes = self._library.group_prototypes(group, randomness.child(rng, "forms"))
         count = 0
@@ -212,7 +176,28 @@ class AssetGenerator:
         ids = block.ids(len(T_map_object))
         self._counts.append(GroupCount(group.name, count, len(ids)))
         self._first[group.name] = len(self._prototypes)
+        plants = PlantsOfStage(shapes, len(self._prototypes), T_map_object, shape_of)
         self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids, group)
+        if self._around is None or not goes_beyond(group) or not len(ids):
+            return
+        self._place_beyond(group, plants, on_land, self._around, randomness.child(rng, "beyond"))
+
+    def _place_beyond(
+        self,
+        group: GroupConfig,
+        plants: PlantsOfStage,
+        ids: IdBlock,
+        around: GroundAround,
+        rng: np.random.Generator,
+    ) -> None:
+        """Add what a group has on the land around the stage."""
+        shapes, placements = plants_beyond(
+            group, plants, ids, around, self._material, rng, len(self._prototypes)
+        )
+        self._prototypes.extend(shapes)
+        self._placements.extend(
+            AssetPlacement(each, group.name, group.hidden) for each in placements
+        )
 
     def _place(
         self,
@@ -281,13 +266,6 @@ def single(
     return Placement(prototype, semantic_ids, T_map_object[None], ids)
 
 
-def scale_pose(T_map_object: FloatArray, scale: float) -> FloatArray:
-    """Return a (4, 4) pose with its rotation multiplied by a scale."""
-    T = T_map_object.copy()
-    T[:3, :3] *= scale
-    return T
-
-
 def static_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
     """Return the (4, 4) pose with scale of an object at a fixed place; ``field`` is for errors.
 
@@ -314,53 +292,3 @@ def make_primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:
         semantic_ids=config.semantic_ids,
         color_srgb=config.color_srgb,
     )
-
-
-def _rock_shapes(
-    group: RockGroupConfig, maps: PbrMaps | None, rng: np.random.Generator
-) -> list[MeshPrototype]:
-    subdivisions = 4 if group.size_m[1] > LARGE_ROCK_M else 3
-    return [
-        replace(make_rock(group.kind, rng, subdivisions), maps=maps) for _ in range(group.variants)
-    ]
-
-
-def _rock_sizes_m(
-    group: RockGroupConfig, factor: float, ground: Ground, rng: np.random.Generator
-) -> FloatArray:
-    """Return the sizes of a group's rocks, by its number or by the ground that they cover.
-
-    Raises:
-        InvalidInputError: More than `MAX_INSTANCES` rocks would cover so much ground.
-    """
-    if group.cover is None:
-        least, most = group.count
-        count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MAX_INSTANCES)
-        return power_law_sizes(count, group.size_m, group.size_exponent, rng)
-    rocks = rock_abundance(float(rng.uniform(*group.cover)), group.size_m)
-    x0, y0, x1, y1 = ground.extent_m
-    count = round(factor * rocks.per_m2 * (x1 - x0) * (y1 - y0))
-    if count > MAX_INSTANCES:
-        expected = f"a larger smallest size: {count} rocks are more than {MAX_INSTANCES}"
-        raise InvalidInputError("assets.rocks[].size_m", list(group.size_m), expected)
-    return rocks.draw(count, rng)
-
-
-def _rock_poses(
-    group: RockGroupConfig,
-    sizes_m: FloatArray,
-    ground: Ground,
-    shapes: list[MeshPrototype],
-    rng: np.random.Generator,
-) -> FloatArray:
-    T_map_object, _ = scatter_on(
-        ground,
-        sizes_m,
-        rng,
-        sink=group.sink,
-        max_slope_deg=group.max_slope_deg,
-        fragments=fragment_share(group.kind),
-        preference=family_density(group.kind, ground),
-        height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
-    )
-    return T_map_object

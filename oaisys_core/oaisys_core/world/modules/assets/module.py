@@ -13,6 +13,7 @@ from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import MAX_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
+from oaisys_core.procedural.scatter.beyond_stage import goes_beyond
 from oaisys_core.procedural.scatter.ids import (
     FIRST_MOVER_ID,
     FIRST_OBJECT_ID,
@@ -22,6 +23,7 @@ from oaisys_core.procedural.scatter.ids import (
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.textures import TEXTURES
 from oaisys_core.scene import Ground, TerrainMaterial
+from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import ObjectPage, ObjectQuery, merge
 from oaisys_core.world.module import Metadata, Module, World, require
 from oaisys_core.world.modules.assets.drawing import AssetGenerator, DrawnAssets
@@ -160,20 +162,35 @@ class AssetsModule(Module):
         rng: np.random.Generator,
     ) -> DrawnAssets:
         """Draw all objects, or return those of the last batch if they would be the same."""
-        ground = require(world.ground)
+        ground, land = require(world.ground), self._land(world)
         before = rng.bit_generator.state
         last = self._last
         same = last is not None and last.ground is ground and last.material is material
+        same = same and last is not None and last.land is land
         if last and same and (last.metadata, last.before) == (metadata, before):
             rng.bit_generator.state = last.after
             return last.things
         generator = AssetGenerator(
-            self._config, self._library, self._plan, ground, material, rng, world.georeference
+            self._config,
+            self._library,
+            self._plan,
+            ground,
+            material,
+            rng,
+            world.georeference,
+            land,
         )
         things = generator.draw(metadata)
         after = rng.bit_generator.state
-        self._last = _PreviousDraw(ground, material, metadata, before, after, things)
+        self._last = _PreviousDraw(ground, land, material, metadata, before, after, things)
         return things
+
+    def _land(self, world: World) -> FarGround | None:
+        """Return the land around the stage; None if there is none, or nothing stands on it."""
+        if not (world.is_in_land and any(map(goes_beyond, self._config.groups))):
+            return None
+        world.far_ground = world.surroundings.around(require(world.ground), world.far_ground)
+        return world.far_ground
 
     def _faults(self) -> Iterable[InvalidInputError]:
         """Yield an error for each name in the configuration that does not exist."""
@@ -230,6 +247,7 @@ class _PreviousDraw(NamedTuple):
     """The inputs and the result of the last draw, with the generator's state before and after."""
 
     ground: Ground
+    land: FarGround | None
     material: TerrainMaterial | None
     metadata: AssetMetadata
     before: Mapping[str, Any]

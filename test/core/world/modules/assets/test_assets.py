@@ -12,7 +12,14 @@ import pytest
 from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.procedural.scatter.ids import FAR, group_blocks, id_of_added, rock_block
+from oaisys_core.procedural.scatter.ids import (
+    FAR,
+    ON_LAND,
+    group_blocks,
+    id_of_added,
+    land_blocks,
+    rock_block,
+)
 from oaisys_core.scene import HeightField, Placement
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import GroupCount, ModuleMetadata
@@ -134,10 +141,18 @@ def test_blocks_of_ids_never_meet() -> None:
     blocks = group_blocks(rocks, counts)
     drawn = [2 * count if count < FAR // 2 else count for count in counts]
     ids = [set(block.ids(n).tolist()) for block, n in zip(blocks, drawn, strict=True)]
+    on_land = land_blocks(blocks)
+    ids += [set(block.ids(ON_LAND).tolist()) for block in on_land]
+    blocks += on_land
     ids += [set(rocks.ids(12_000).tolist()), set(range(60_001, 65_536))]
     assert len(set().union(*ids)) == sum(len(each) for each in ids)
     assert all(b.holds(i) for b, each in zip(blocks, ids, strict=False) for i in each)
     assert max(max(each) for each in ids) < 8 * FAR
+
+
+def test_ids_on_land_fit_into_images_of_16_bits_in_worlds_of_usual_size() -> None:
+    blocks = land_blocks(group_blocks(rock_block(200), [2000, 40, 300]))
+    assert [each.first for each in blocks] == [59_001, 58_001, 57_001]
 
 
 def test_counts_say_how_many_were_asked_for_and_how_many_stand() -> None:

@@ -1,0 +1,154 @@
+"""Plants on the land around a stage, so that a wood does not end where the stage does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.config.sections.density import LayerDensity, SlopeDensity
+from oaisys_core.config.sections.groups import GroupConfig
+from oaisys_core.procedural.scatter.density import make_density
+from oaisys_core.procedural.scatter.ids import ON_LAND
+from oaisys_core.procedural.scatter.placement import slope_deg
+from oaisys_core.procedural.scatter.shapes import PLANTS
+from oaisys_core.scene import Ground
+from oaisys_core.scene.surroundings import FarGround
+from oaisys_core.scene.terrain_material import TerrainMaterial
+from oaisys_core.types import FloatArray
+
+LEAST_M = 1.0
+"""Plants of groups with sizes from here on go on beyond the stage, unless their group says no."""
+
+REACH = 30.0
+"""Distance from the stage, in units of a plant's size, at which the last one of its size stands:
+there it is 18 pixels high in a picture of 640 pixels and 60 degrees."""
+
+MOST = ON_LAND
+"""Plants of a group on the land; with more of them, the reach is shorter."""
+
+MAX_TILES = 8
+"""Stages beside the stage, along each axis, into which its plants are mirrored."""
+
+JITTER = 0.25
+"""Standard deviation of the shift of a mirrored plant, in mean distances between the plants."""
+
+LEAST_DENSITY = 0.05
+"""Density on the stage below which a mirrored plant does not become likelier than its image."""
+
+
+class PlacesBeyond(NamedTuple):
+    """Where N plants stand on the land around a stage.
+
+    Attributes:
+        xy_m: (N, 2) positions in ``map``.
+        like: (N,) index of the plant of the stage that each of them is like.
+        distance: (N,) distance from the stage's edge, in units of the plant's size.
+    """
+
+    xy_m: FloatArray
+    like: NDArray[np.intp]
+    distance: FloatArray
+
+
+@dataclass(frozen=True)
+class GroundAround:
+    """The surface of a stage and of the land around it, for what stands on the land."""
+
+    stage: Ground
+    land: FarGround
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """(min_x, min_y, max_x, max_y) of the stage."""
+        return self.stage.extent_m
+
+    @property
+    def spacing_m(self) -> float:
+        """Typical distance between neighbouring vertices of the stage."""
+        return self.stage.spacing_m
+
+    def vertices_m(self) -> NDArray[np.float32]:
+        """Return the (V, 3) vertices of the stage."""
+        return self.stage.vertices_m()
+
+    def triangles(self) -> NDArray[np.int32]:
+        """Return the (T, 3) triangles of the stage."""
+        return self.stage.triangles()
+
+    def height_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N,) heights at (N, 2) points, on the stage or beyond."""
+        on_stage_m = self.stage.height_at(xy_m)
+        return np.where(np.isnan(on_stage_m), self.land.height_at(xy_m), on_stage_m)
+
+
+def goes_beyond(group: GroupConfig) -> bool:
+    """Return whether a group's plants also stand on the land around the stage."""
+    if group.beyond_stage is None:
+        return group.shape in PLANTS and group.size_m[1] >= LEAST_M
+    return group.beyond_stage
+
+
+def places_beyond(
+    group: GroupConfig,
+    xy_m: FloatArray,
+    sizes_m: FloatArray,
+    ground: GroundAround,
+    material: TerrainMaterial | None,
+    rng: np.random.Generator,
+) -> PlacesBeyond:
+    """Return where plants stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
+
+    The plants of the stage are mirrored at its edges and shifted a little, so that their number is
+    the same on both sides of an edge. They get fewer with the distance in units of their sizes.
+    Layers and slopes of the land count as those of the stage do.
+    """
+    x0, y0, x1, y1 = ground.extent_m
+    low_m, span_m = np.array((x0, y0)), np.array((x1 - x0, y1 - y0))
+    shift_m = JITTER * float(np.sqrt(span_m.prod() / max(len(xy_m), 1)))
+    places, likes, distances, turns = [], [], [], []
+    for tile in _tiles(span_m, xy_m, sizes_m):
+        share = (xy_m - low_m) / span_m
+        mirrored_m = low_m + (tile + np.where(tile % 2, 1 - share, share)) * span_m
+        mirrored_m = mirrored_m + rng.normal(scale=shift_m, size=xy_m.shape)
+        beyond_m = np.maximum(np.maximum(low_m - mirrored_m, mirrored_m - low_m - span_m), 0)
+        distance = np.hypot(*beyond_m.T) / sizes_m
+        # Those below any number are spread as if that number were the reach.
+        turn = distance / np.maximum(1 - rng.uniform(size=len(distance)), 1e-9)
+        stands = (beyond_m.max(axis=1) > sizes_m / 2) & (turn < REACH)
+        places.append(mirrored_m[stands])
+        likes.append(np.flatnonzero(stands))
+        distances.append(distance[stands])
+        turns.append(turn[stands])
+    found = PlacesBeyond(np.concatenate(places), np.concatenate(likes), np.concatenate(distances))
+    suits = _suits(group, xy_m, found, ground, material, rng)
+    first = np.argsort(np.where(suits, np.concatenate(turns), np.inf), kind="stable")
+    chosen = np.sort(first[: min(MOST, int(suits.sum()))])
+    return PlacesBeyond(found.xy_m[chosen], found.like[chosen], found.distance[chosen])
+
+
+def _tiles(span_m: FloatArray, xy_m: FloatArray, sizes_m: FloatArray) -> NDArray[np.int64]:
+    """Return (T, 2) columns and rows of the stages beside the stage that may have plants."""
+    reach = int(np.clip(np.ceil(REACH * sizes_m.max(initial=0.0) / span_m.min()), 1, MAX_TILES))
+    index = np.arange(-reach, reach + 1) if len(xy_m) <= MOST else np.arange(-1, 2)
+    tiles = np.stack(np.meshgrid(index, index), axis=-1).reshape(-1, 2)
+    return np.asarray(tiles[tiles.any(axis=1)])
+
+
+def _suits(
+    group: GroupConfig,
+    xy_m: FloatArray,
+    found: PlacesBeyond,
+    ground: GroundAround,
+    material: TerrainMaterial | None,
+    rng: np.random.Generator,
+) -> NDArray[np.bool_]:
+    """Return (M,) whether the land suits plants as the stage suits those that they are like."""
+    local = [each for each in group.density if isinstance(each, LayerDensity | SlopeDensity)]
+    density = make_density(local, ground, rng, material)
+    on_stage = np.maximum(density(xy_m), LEAST_DENSITY)
+    likely = density(found.xy_m) / on_stage[found.like]
+    gentle = slope_deg(ground, found.xy_m) <= group.max_slope_deg
+    return np.asarray(gentle & (rng.uniform(size=len(likely)) < likely))

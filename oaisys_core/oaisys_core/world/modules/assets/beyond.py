@@ -1,0 +1,85 @@
+"""Draws the plants on the land around a stage."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core import randomness
+from oaisys_core.config.sections.groups import GroupConfig
+from oaisys_core.procedural.meshes.thinning import thin_out
+from oaisys_core.procedural.scatter.beyond_stage import GroundAround, places_beyond
+from oaisys_core.procedural.scatter.ground_pose import footprint_of
+from oaisys_core.procedural.scatter.groups import poses_at
+from oaisys_core.procedural.scatter.ids import IdBlock
+from oaisys_core.scene import MeshPrototype, Placement, TerrainMaterial
+from oaisys_core.types import FloatArray
+
+NEAR = 6.0
+"""Distance from the stage, in units of a plant's size, from which plants are thinned out."""
+
+FAR_TRIANGLES = 8_000
+"""About the largest number of triangles of a plant that is thinned out."""
+
+
+class PlantsOfStage(NamedTuple):
+    """The plants of a group that stand on the stage.
+
+    Attributes:
+        shapes: Their prototypes.
+        first: Index of the first one among those of the scene.
+        T_map_object: (N, 4, 4) poses with scale.
+        shape_of: (N,) indices into ``shapes``.
+    """
+
+    shapes: list[MeshPrototype]
+    first: int
+    T_map_object: FloatArray
+    shape_of: NDArray[np.int64]
+
+
+def plants_beyond(
+    group: GroupConfig,
+    plants: PlantsOfStage,
+    ids: IdBlock,
+    ground: GroundAround,
+    material: TerrainMaterial | None,
+    rng: np.random.Generator,
+    next_prototype: int,
+) -> tuple[list[MeshPrototype], list[Placement]]:
+    """Return plants on the land like those of a stage: new prototypes, and placements.
+
+    Args:
+        next_prototype: Index that the first new prototype will have.
+    """
+    T_map_object, shape_of = plants.T_map_object, plants.shape_of
+    sizes_m = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
+    found = places_beyond(
+        group, T_map_object[:, :2, 3], sizes_m, ground, material, randomness.child(rng, "places")
+    )
+    shape_of, sizes_m = shape_of[found.like], sizes_m[found.like]
+    footprints = np.array([footprint_of(shape) for shape in plants.shapes])[shape_of]
+    turns = randomness.child(rng, "turns")
+    poses = poses_at(group, ground, found.xy_m, sizes_m, footprints, turns)
+    numbers = ids.ids(len(poses))
+    is_near = found.distance < NEAR
+    prototypes: list[MeshPrototype] = []
+    placements = []
+    for variant, shape in enumerate(plants.shapes):
+        for near in (True, False):
+            chosen = (shape_of == variant) & (is_near == near)
+            if not chosen.any():
+                continue
+            prototype = plants.first + variant
+            thin = shape if near else thin_out(shape, FAR_TRIANGLES, randomness.child(rng, "thin"))
+            if thin is not shape:
+                prototype = next_prototype + len(prototypes)
+                prototypes.append(thin)
+            placements.append(
+                Placement(
+                    prototype, group.semantic_ids, poses[chosen], numbers[chosen], on_land=True
+                )
+            )
+    return prototypes, placements
