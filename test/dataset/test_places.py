@@ -213,3 +213,9 @@ def test_a_data_set_on_an_s3_server_is_checked(bucket: str) -> None:
     place.write("shards/world_000000.tar", bytes(tar))
     report = check_dataset(f"{bucket}/set", worlds_rebuilt=0)
     assert {finding.check for finding in report.findings} >= {"hash"}
+
+
+@pytest.mark.parametrize("url", ["s3://", "file://", "memory://", "s3:///"])
+def test_a_url_of_no_place_is_refused(url: str) -> None:
+    with pytest.raises(InvalidInputError, match="place: received"):
+        open_place(url)

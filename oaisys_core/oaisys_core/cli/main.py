@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache, wraps
 from importlib.metadata import EntryPoint, entry_points, version
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -33,8 +34,8 @@ PROGRAM = "oaisys"
 PLAIN_HELP = None
 """Plain help instead of rich's tables, which are too narrow at 80 columns."""
 
-_KNOWS_HOMES = "knows_homes"
-"""Mark of a command that is given its paths with ``~`` expanded; applications are loaded twice."""
+_HAS_CHECKS = "has_checks"
+"""Mark of a command whose values are checked before it runs; applications are loaded twice."""
 
 EXIT_FAILED = 1
 EXIT_INVALID_INPUT = 2
@@ -112,12 +113,12 @@ def _load(entry: EntryPoint) -> Any:
     except (ImportError, AttributeError) as error:
         target = _unavailable(entry, shortage(error) or error)
     if not isinstance(target, typer.Typer):
-        target = _with_homes(target)
+        target = _with_checks(target)
         app = typer.Typer(add_completion=False)
         app.command(entry.name)(target)
         target = app
     else:
-        _know_homes(target)
+        _check_values(target)
         if not isinstance(target.info.cls, type):
             target.info.cls = _Commands
     target.rich_markup_mode = PLAIN_HELP
@@ -128,35 +129,37 @@ def _load(entry: EntryPoint) -> Any:
     return command
 
 
-def _know_homes(app: typer.Typer) -> None:
-    """Have all commands of an application take ``~`` for a home folder."""
+def _check_values(app: typer.Typer) -> None:
+    """Have the values of all commands of an application checked."""
     callback = app.registered_callback
     for info in (*app.registered_commands, *([callback] if callback else ())):
         if info.callback is not None:
-            info.callback = _with_homes(info.callback)
+            info.callback = _with_checks(info.callback)
     for group in app.registered_groups:
         if group.typer_instance is not None:
-            _know_homes(group.typer_instance)
+            _check_values(group.typer_instance)
 
 
-def _with_homes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command that is given its paths as `user_path` reads them."""
-    if hasattr(function, _KNOWS_HOMES):
+def _with_checks(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that is given its paths as `user_path` reads them, and finite numbers."""
+    if hasattr(function, _HAS_CHECKS):
         return function
 
     @wraps(function)
     def command(**values: Any) -> Any:
-        return function(**{name: _expanded(value, name) for name, value in values.items()})
+        return function(**{name: _checked(value, name) for name, value in values.items()})
 
-    setattr(command, _KNOWS_HOMES, True)
+    setattr(command, _HAS_CHECKS, True)
     return command
 
 
-def _expanded(value: Any, name: str) -> Any:
+def _checked(value: Any, name: str) -> Any:
     if isinstance(value, Path):
         return user_path(value, name)
+    if isinstance(value, float) and not isfinite(value):
+        raise InvalidInputError(name.replace("_", "-"), value, "a finite number")
     if isinstance(value, list | tuple):
-        return type(value)(_expanded(each, name) for each in value)
+        return type(value)(_checked(each, name) for each in value)
     return value
 
 

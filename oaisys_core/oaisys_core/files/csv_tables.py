@@ -55,10 +55,23 @@ def parse_numbered_csv(
         reader = csv.DictReader((s for _, s in kept), columns, skipinitialspace=True)
         if columns is None and reader.fieldnames is not None:
             reader.fieldnames = [name.strip() for name in reader.fieldnames]
+            _check_names(reader.fieldnames)
         for row in reader:
             if len(rows) == most_rows:
                 raise DocumentError(f"it has more than {most_rows} rows")
-            rows.append((kept[reader.line_num - 1][0], row))
+            number = kept[reader.line_num - 1][0]
+            unnamed = row.pop(None, [])
+            # Tables without a line of names may go on with columns that nobody asks for.
+            if columns is None and any(value.strip() for value in unnamed):
+                raise DocumentError(f"line {number} has more values than the first line has names")
+            rows.append((number, row))
     except csv.Error as error:
         raise DocumentError(f"it is not a CSV file: {error}") from error
     return rows
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Raise if a column has the name of another one."""
+    for index, name in enumerate(names):
+        if name and name in names[:index]:
+            raise DocumentError(f"the column {name!r} comes twice")

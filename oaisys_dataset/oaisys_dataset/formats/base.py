@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -87,18 +88,31 @@ class ExportOptions:
         """Return a setting as a number.
 
         Raises:
-            InvalidInputError: It is not a number of at least ``least``.
+            InvalidInputError: It is not a finite number of at least ``least``.
         """
         text = self.settings.get(name)
         if text is None:
-            return default
+            return float(default)
         try:
             value = float(text)
         except ValueError:
             value = float("nan")
-        if not value >= least:
-            raise InvalidInputError(f"settings.{name}", text, f"a number of at least {least:g}")
+        if not (value >= least and isfinite(value)):
+            expected = f"a finite number of at least {least:g}"
+            raise InvalidInputError(f"settings.{name}", text, expected)
         return value
+
+    def count(self, name: str, default: int, least: int = 0) -> int:
+        """Return a setting as a whole number.
+
+        Raises:
+            InvalidInputError: It is not a whole number of at least ``least``.
+        """
+        value = self.number(name, default, least)
+        if not value.is_integer():
+            expected = f"a whole number of at least {least}"
+            raise InvalidInputError(f"settings.{name}", self.settings[name], expected)
+        return int(value)
 
     def choice(self, name: str, allowed: Sequence[str]) -> str:
         """Return a setting that is one of some words; the first is the default.

@@ -140,7 +140,7 @@ class Hdf5Format(DatasetFormat):
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
-        level = int(options.number("compression", COMPRESSION))
+        level = options.count("compression", COMPRESSION)
         if level > 9:
             raise InvalidInputError("settings.compression", level, "a level from 0 to 9")
         sizes = Counter((record.world, record.sensor) for record in dataset.records)

@@ -94,7 +94,7 @@ class WebDatasetFormat(DatasetFormat):
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
-        most = int(options.number("shard_bytes", MAX_BYTES, least=MIN_BYTES))
+        most = options.count("shard_bytes", MAX_BYTES, least=MIN_BYTES)
         counts: Counter[str] = Counter()
         with ParquetRows(target / INDEX, _index_schema(modality_names(dataset))) as index:
             for split in dataset.splits:

@@ -92,6 +92,8 @@ def open_place(where: str | Path) -> StoragePlace:
     scheme, separator, path = url.partition("://")
     if not separator:
         return LocalPlace(Path(url))
+    if not path.strip("/"):
+        raise InvalidInputError("place", url, f"{scheme}://PLACE/FOLDER")
     if scheme in ("file", "local"):
         return LocalPlace(Path(path))
     try:

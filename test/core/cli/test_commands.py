@@ -186,3 +186,23 @@ def test_the_examples_are_valid(path: Path) -> None:
 
 def test_the_documented_default_is_the_default() -> None:
     assert load_config(REPOSITORY / "config/simulator.yaml") == SimulationConfig()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "field"),
+    [
+        (["render", "--position", "nan", "0", "1", "--look-at", "0", "0", "0"], "position"),
+        (["render", "--position", "1", "0", "1", "--look-at", "0", "inf", "0"], "look-at"),
+        (["dataset", "render", "a.yaml", "--memory-per-worker", "inf"], "memory-per-worker"),
+        (["dataset", "render", "a.yaml", "--gpus-per-worker", "inf"], "gpus-per-worker"),
+        (["evaluate", "--mesh", "a.ply", "--truth", "b.ply", "--voxel-size", "inf"], "voxel-size"),
+    ],
+)
+def test_numbers_of_options_are_finite(arguments: list[str], field: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    options = [] if arguments[0] == "evaluate" else ["--out", out]
+    result = oaisys_here(*arguments, *options)
+    assert result.returncode == 2, result.stderr
+    assert f"{field}: received " in result.stderr
+    assert "expected a finite number" in result.stderr
+    assert not out.exists()

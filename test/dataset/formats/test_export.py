@@ -190,3 +190,19 @@ def test_an_export_in_which_every_frame_is_left_out_is_exit_1(tmp_path: Path) ->
     more = ("--format", "webdataset", "--out", f"{tmp_path}/tar")
     result = oaisys_here("dataset", "export", place.url, *more)
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("text", ["inf", "1e400", "nan", "-1", "word"])
+def test_settings_are_finite_numbers(text: str) -> None:
+    options = ExportOptions(settings={"depth_scale": text})
+    with pytest.raises(InvalidInputError, match=r"settings\.depth_scale.*a finite number of at"):
+        options.number("depth_scale", 1.0)
+
+
+@pytest.mark.parametrize("text", ["inf", "1.5", "0"])
+def test_counts_are_whole_numbers(text: str) -> None:
+    options = ExportOptions(settings={"points": text})
+    with pytest.raises(InvalidInputError, match=r"settings\.points"):
+        options.count("points", 3, least=1)
+    assert ExportOptions(settings={"points": "1e3"}).count("points", 3) == 1000
+    assert ExportOptions().count("points", 3) == 3

@@ -152,6 +152,8 @@ def _nerf_camera(data: Mapping[str, Any], where: str) -> CalibratedCamera:
         fx = finite([data["fl_x"]], f"{where}.fl_x", 1)[0]
     else:
         (angle,) = finite(require_keys(data, ("camera_angle_x",), where), where, 1)
+        if not 0 < angle < math.pi:
+            raise InvalidInputError(f"{where}.camera_angle_x", angle, "an angle between 0 and pi")
         fx = width / (2 * math.tan(angle / 2))
     given = {"fl_y": fx, "cx": width / 2, "cy": height / 2, **data}
     fy, cx, cy = finite([given[key] for key in ("fl_y", "cx", "cy")], where, 3)

@@ -76,7 +76,7 @@ class ColmapFormat(DatasetFormat):
         kind = options.settings.get("model", "binary")
         if kind not in ("binary", "text"):
             raise InvalidInputError("settings.model", kind, "binary or text")
-        points_per_view = int(options.number("points_per_view", POINTS_PER_VIEW, least=1))
+        points_per_view = options.count("points_per_view", POINTS_PER_VIEW, least=1)
         counts: Counter[str] = Counter()
         for world, frames in worlds_with_color(dataset.records):
             folder = target / world_name(world)

@@ -75,7 +75,7 @@ class NerfstudioFormat(DatasetFormat):
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
-        points_per_view = int(options.number("points_per_view", POINTS_PER_VIEW, least=1))
+        points_per_view = options.count("points_per_view", POINTS_PER_VIEW, least=1)
         counts: Counter[str] = Counter()
         for world, frames in worlds_with_color(dataset.records):
             folder = target / world_name(world)

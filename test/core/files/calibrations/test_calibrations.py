@@ -371,3 +371,11 @@ def test_a_deep_file_is_refused_before_opencv_reads_it(tmp_path: Path, kind: str
     file.write_text(DEEP[kind])
     with pytest.raises(InvalidInputError, match="at most 64 levels"):
         read_calibration(file)
+
+
+@pytest.mark.parametrize("angle", [0.0, -1.0, 3.2])
+def test_an_angle_of_view_is_between_0_and_a_half_turn(angle: float, tmp_path: Path) -> None:
+    file = tmp_path / "transforms.json"
+    file.write_text(json.dumps({"w": 8, "h": 6, "camera_angle_x": angle, "frames": []}))
+    with pytest.raises(InvalidInputError, match="camera_angle_x"):
+        read_calibration(file)
