@@ -14,7 +14,7 @@ from oaisys_core.config.sections.sensing.cameras import CameraConfig, optics_bou
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.raycast.clearance import MAX_EXTENTS
-from oaisys_core.raycast.surface import BAND_PIXELS, bands
+from oaisys_core.raycast.view import BAND_PIXELS, bands
 from oaisys_core.simulation import Simulation
 from oaisys_core.system.ending.interruption import interruptible, stop_if_unwanted
 from oaisys_core.types import ModuleMetadata, Pose

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.raycast.surface import NO_TARGET, Surface
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import NO_TARGET
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import RGB, Frame, ModuleMetadata, Sample
 from oaisys_core.world.modules import render

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.geometry_pass import GeometryPass
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import ModalitySpec

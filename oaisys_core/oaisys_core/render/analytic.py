@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 import oaisys_core
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import NotReadyError
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.color_frames import ColorFrames, color_frames
 from oaisys_core.render.draft.draft import DraftRenderer

@@ -20,7 +20,8 @@ from oaisys_core import extensions
 from oaisys_core.errors import ConfigError, RenderError, quote
 from oaisys_core.geometry import invert, project, transform_points
 from oaisys_core.raycast.surface import CORES as CORES
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.base import FrameGroup
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
 from oaisys_core.types import (

@@ -29,7 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.shading.photometry import to_source
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.scene import LidarErrors, PlacedLidar

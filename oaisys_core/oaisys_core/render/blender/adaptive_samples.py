@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from oaisys_core.geometry import unproject
-from oaisys_core.raycast.surface import NO_TARGET, Surface
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import NO_TARGET
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.types import FloatArray

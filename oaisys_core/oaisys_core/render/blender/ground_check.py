@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import unproject
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.blender.camera import pinhole_to_render
 from oaisys_core.render.blender.postprocessing import COMBINED, SEEN_ALBEDO
 from oaisys_core.render.render_result import RenderResult, pass_of

@@ -11,7 +11,8 @@ from pathlib import Path
 import bpy
 
 from oaisys_core.errors import NotReadyError
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.base import Backend, FrameGroup
 from oaisys_core.render.blender.adaptive_samples import adapt
 from oaisys_core.render.blender.color import ColorImages, ColorRenderer

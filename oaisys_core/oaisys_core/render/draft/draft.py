@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import stage_ground
 from oaisys_core.procedural.environment.light import veil_radiance
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.draft.appearance import (
     Appearance,
     Floats,

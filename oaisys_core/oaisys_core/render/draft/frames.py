@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.color_frames import ColorFrames, Develop, color_frames
 from oaisys_core.render.draft.appearance import Floats
 from oaisys_core.render.draft.draft import DraftRenderer

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import linear
 from oaisys_core.procedural.textures.borders import gumbel_heights, relief_weights
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.shading.shading import Palette
 from oaisys_core.scene import PbrMaps, Scene, TerrainLayer
 from oaisys_core.types import FloatArray

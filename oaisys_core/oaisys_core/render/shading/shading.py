@@ -13,7 +13,8 @@ from oaisys_core.procedural.environment.light import (
     sky_irradiance_w_m2,
     veil_radiance,
 )
-from oaisys_core.raycast.surface import InstanceTable, Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import InstanceTable, View
 from oaisys_core.render.shading.lamp_light import lamp_irradiance_w_m2
 from oaisys_core.render.shading.photometry import law_factors
 from oaisys_core.scene import MeshMaterial, MeshPrototype, PbrMaps, Scene

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.detail import DetailedGround
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.draft.appearance import Floats, empty, normalise, put, take, zeros
 from oaisys_core.render.draft.ground.texture_atlas import sample
 from oaisys_core.render.draft.objects.object_meshes import interpolate_normals, vertex_normals

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.surface import Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import View
 from oaisys_core.render.draft.appearance import Floats, normalise
 from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
 from oaisys_core.render.shading.looks import IOR

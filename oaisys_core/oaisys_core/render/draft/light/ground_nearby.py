@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.surface import View
+from oaisys_core.raycast.view import View
 from oaisys_core.render.draft.appearance import Floats
 
 Flags = NDArray[np.bool_]

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import linear
-from oaisys_core.raycast.surface import InstanceTable, Surface, View
+from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.view import InstanceTable, View
 from oaisys_core.render.draft.appearance import (
     Appearance,
     Floats,

@@ -27,7 +27,7 @@ from oaisys_core.procedural.textures.borders import (
     mix,
 )
 from oaisys_core.procedural.textures.levels import level_at
-from oaisys_core.raycast.surface import View, bands
+from oaisys_core.raycast.view import View, bands
 from oaisys_core.render.blender.materials.ground.pixel_weights import (
     Image,
     bilinear,

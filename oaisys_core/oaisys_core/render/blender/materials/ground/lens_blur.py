@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.surface import View
+from oaisys_core.raycast.view import View
 from oaisys_core.render.blender.camera import SENSOR_WIDTH_MM
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
 from oaisys_core.render.render_result import Image
