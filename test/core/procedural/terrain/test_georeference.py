@@ -207,6 +207,22 @@ def test_files_without_a_place_have_none(tmp_path: Path) -> None:
     assert imported(path, spacing_m=1.0).georeference is None
 
 
+@pytest.mark.parametrize("crs", ["EPSG:32633", "EPSG:4326", MOON])
+def test_a_system_without_pixels_in_it_needs_the_distance_between_them(
+    tmp_path: Path, crs: str
+) -> None:
+    """The commands ended with a failed assertion."""
+    path = tmp_path / "a.tif"
+    write(path, crs, Affine.identity())
+    refused = r"dem\.spacing_m: received None, expected the distance .* a\.tif does not define it"
+    with pytest.raises(InvalidInputError, match=refused):
+        imported(path)
+    result = CliRunner().invoke(app, ["place", "info", str(path)])
+    assert isinstance(result.exception, InvalidInputError)
+    ground = imported(path, spacing_m=2.0)
+    assert (ground.ground.spacing_m, ground.georeference) == (2.0, None)
+
+
 def test_batches_tell_their_place(tmp_path: Path) -> None:
     write(tmp_path / "a.tif", *FILES["UTM"])
     stage = {"dem": {"file": str(tmp_path / "a.tif")}, "surroundings": "plain"}

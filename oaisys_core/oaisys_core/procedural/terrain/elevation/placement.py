@@ -72,13 +72,12 @@ def place_on_ground(
         InvalidInputError: The pixels' size is unknown, or they cannot be a ground.
     """
     stated_m = _stated_pixel_m(height_m.shape, config)
-    on_body = stated_m is None and reference is not None and not reference.is_local
+    of_body = None if reference is None or reference.is_local else reference
     if transform is not None:
-        _check_transform(transform, field, may_turn=on_body)
-    if on_body:
-        assert reference is not None
-        assert transform is not None
-        return _place_on_body(height_m, transform, reference, config, field)
+        on_body = of_body if stated_m is None else None
+        _check_transform(transform, field, may_turn=on_body is not None)
+        if on_body is not None:
+            return _place_on_body(height_m, transform, on_body, config, field)
     turned = reference is not None and reference.is_turned
     flip_rows = transform is not None and (transform.e > 0) != turned
     flip_cols = transform is not None and (transform.a < 0) != turned
