@@ -12,7 +12,16 @@ from math import ceil
 
 FORMATS = "PNG, JPEG, TIFF, BMP, WebP or PNM"
 
-_SIZE_TAGS = {256: "width", 257: "height", 277: "samples", 322: "tile_width", 323: "tile_height"}
+_TAGS = {
+    256: "width",
+    257: "height",
+    277: "samples",
+    322: "tile_width",
+    323: "tile_height",
+    258: "bits",
+    262: "meaning",
+    274: "orientation",
+}
 _TIFF_VALUES = {3: "H", 4: "I", 16: "Q"}
 _MAX_TAGS = 4096
 _NO_FRAME = (0xC4, 0xC8, 0xCC)
@@ -51,6 +60,18 @@ def radiance_pixels(data: bytes) -> tuple[int, int, int]:
     return int(found[2]), int(found[1]), found.end()
 
 
+def tiff_orientation(data: bytes) -> int:
+    """Return where a TIFF file's first row and column belong, 1 to 8: 1 is at the top and left.
+
+    Raises:
+        ValueError: Its header is damaged.
+    """
+    try:
+        return _tiff_tags(data).get("orientation", 1)
+    except (struct.error, KeyError) as error:
+        raise ValueError("its header is damaged") from error
+
+
 def _png(data: bytes) -> tuple[int, int]:
     if data[12:16] != b"IHDR":
         raise ValueError("its header is damaged")
@@ -82,11 +103,21 @@ def _jpeg(data: bytes) -> tuple[int, int]:
 
 def _tiff(data: bytes) -> tuple[int, int]:
     """Return the size of a TIFF file's first image, rounded up to whole tiles."""
+    found = _tiff_tags(data)
+    if found.get("samples", 1) > 4:
+        raise ValueError(f"it has {found['samples']} channels, more than 4")
+    width, height = found["width"], found["height"]
+    tile_width, tile_height = found.get("tile_width", 1), found.get("tile_height", 1)
+    return _whole(width, tile_width), _whole(height, tile_height)
+
+
+def _tiff_tags(data: bytes) -> dict[str, int]:
+    """Return the numbers in the tags of a TIFF file's first image, of several the first."""
     order = "<" if data[:2] == b"II" else ">"
     is_big = struct.unpack(order + "H", data[2:4])[0] == 43
     word, entry_bytes = ("Q", 20) if is_big else ("I", 12)
-    start = 8 if is_big else 4
-    (place,) = struct.unpack_from(order + word, data, start)
+    word_bytes = struct.calcsize(word)
+    (place,) = struct.unpack_from(order + word, data, word_bytes)
     (count,) = struct.unpack_from(order + ("Q" if is_big else "H"), data, place)
     place += 8 if is_big else 2
     if count > _MAX_TAGS:
@@ -95,18 +126,18 @@ def _tiff(data: bytes) -> tuple[int, int]:
     for number in range(count):
         at = place + number * entry_bytes
         tag, kind = struct.unpack_from(order + "HH", data, at)
-        if tag in _SIZE_TAGS:
-            if _SIZE_TAGS[tag] in found:
-                raise ValueError(f"it has tag {tag} twice")
-            value_at = at + entry_bytes - struct.calcsize(word)
-            (found[_SIZE_TAGS[tag]],) = struct.unpack_from(
-                order + _TIFF_VALUES[kind], data, value_at
-            )
-    if found.get("samples", 1) > 4:
-        raise ValueError(f"it has {found['samples']} channels, more than 4")
-    width, height = found["width"], found["height"]
-    tile_width, tile_height = found.get("tile_width", 1), found.get("tile_height", 1)
-    return _whole(width, tile_width), _whole(height, tile_height)
+        if tag not in _TAGS:
+            continue
+        name = _TAGS[tag]
+        if name in found:
+            raise ValueError(f"it has tag {tag} twice")
+        form = _TIFF_VALUES[kind]
+        (values,) = struct.unpack_from(order + word, data, at + 4)
+        value_at = at + entry_bytes - word_bytes
+        if name == "bits" and values * struct.calcsize(form) > word_bytes:
+            (value_at,) = struct.unpack_from(order + word, data, value_at)
+        (found[name],) = struct.unpack_from(order + form, data, value_at)
+    return found
 
 
 def _whole(size: int, part: int) -> int:

@@ -6,6 +6,7 @@ import logging
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.stage import DemConfig, DemWindowConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.image_headers import tiff_orientation
 from oaisys_core.files.images import ELEVATION, ImageUse, decode_pixels, read_file
 from oaisys_core.files.rasters import open_large_geotiff, open_raster
 from oaisys_core.output import exr
@@ -24,6 +26,7 @@ from oaisys_core.procedural.terrain.elevation.control_points import (
     straighten,
 )
 from oaisys_core.procedural.terrain.elevation.references import UNIT_M, parse_reference
+from oaisys_core.procedural.terrain.elevation.text_grids import check_points, read_text_heights
 from oaisys_core.procedural.terrain.elevation.windows import pixels_of
 from oaisys_core.types import FloatArray
 
@@ -154,7 +157,11 @@ def _read_raster(data: bytes, path: Path, band: int | None, field: str) -> Store
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         with open_raster(data, use_of(field), str(path)) as file:
-            return _from_dataset(file, path, band, field)
+            check_points(data, file, field)
+            model = _from_dataset(file, path, band, field, data=data)
+            if file.driver == "GTiff" and model.transform is None:
+                _check_upright(data, path, field)
+            return model
 
 
 def _from_window(file: Any, config: DemConfig, window: DemWindowConfig, field: str) -> StoredModel:
@@ -174,9 +181,26 @@ def _from_window(file: Any, config: DemConfig, window: DemWindowConfig, field: s
     return replace(model, transform=moved)
 
 
+def _check_upright(data: bytes, path: Path, field: str) -> None:
+    """Raise if the rows of a TIFF without a place do not go from the top to the bottom."""
+    try:
+        orientation = tiff_orientation(data)
+    except ValueError as error:
+        raise use_of(field).refusal(str(path), error) from error
+    if orientation != 1:
+        expected = "1, the first row at the top and the first column on the left: turn the image"
+        raise InvalidInputError(f"{field}.file", f"the TIFF orientation {orientation}", expected)
+
+
 def _from_dataset(
-    file: Any, path: Path, band: int | None, field: str, window: Window | None = None
+    file: Any,
+    path: Path,
+    band: int | None,
+    field: str,
+    window: Window | None = None,
+    data: bytes = b"",
 ) -> StoredModel:
+    """Return the model in a band of a file, or in a window of it; ``data`` is what it contains."""
     if band is not None and not band <= file.count:
         raise InvalidInputError(f"{field}.band", band, f"a band from 1 to {file.count}")
     chosen = (band or 1) - 1
@@ -189,7 +213,14 @@ def _from_dataset(
         )
     if file.dtypes[chosen] == "uint8":
         LOG.warning("%s: has 8 bits, so its heights have at most 256 steps", path)
-    values = file.read(chosen + 1, masked=True, window=window).astype(np.float64).filled(np.nan)
+    scale, offset = float(file.scales[chosen]), float(file.offsets[chosen])
+    if scale == 0 or not isfinite(scale) or not isfinite(offset):
+        received = f"a scale of {scale:g} and an offset of {offset:g} in band {chosen + 1}"
+        expected = "finite numbers, and a scale other than 0"
+        raise InvalidInputError(f"{field}.file", received, expected)
+    values = read_text_heights(data, file, field)
+    if values is None:
+        values = _band_values(file, chosen, window)
     is_placed = not file.transform.is_identity
     transform, system = file.transform if is_placed else None, file.crs
     points, of_points = file.gcps
@@ -199,12 +230,30 @@ def _from_dataset(
     return StoredModel(
         values,
         is_image=not is_placed and np.dtype(file.dtypes[chosen]).kind == "u",
-        scale=float(file.scales[chosen]),
-        offset=float(file.offsets[chosen]),
+        scale=scale,
+        offset=offset,
         unit=unit,
         transform=transform,
         reference=system.to_wkt(version="WKT2_2019") if system else None,
     )
+
+
+def _band_values(file: Any, chosen: int, window: Window | None) -> FloatArray:
+    """Return the values of a band, NaN where anything in the file says that there is none.
+
+    A value for voids, a mask, and a band of alpha: GDAL heeds one of them alone, and alpha only if
+    it is of 8 or 16 bits.
+    """
+    band = file.read(chosen + 1, masked=True, window=window)
+    values = np.asarray(band.astype(np.float64).filled(np.nan), np.float64)
+    void = file.nodatavals[chosen]
+    if void is not None:
+        is_float = band.dtype.kind == "f"
+        values[values == (float(np.asarray(void, band.dtype)) if is_float else void)] = np.nan
+    for number, meaning in enumerate(file.colorinterp):
+        if meaning.name == "alpha" and number != chosen:
+            values[~(file.read(number + 1, window=window) > 0)] = np.nan
+    return values
 
 
 def _by_control_points(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 import rasterio.shutil
+from PIL import Image
 from rasterio.transform import from_origin
 
 from oaisys_core.config.sections.stage import DemConfig
@@ -123,6 +124,66 @@ def test_integers_and_several_kinds_of_voids(tmp_path: Path) -> None:
         read(path)
     assert read(path, nodata=(-32768, 0)).filled_px == 1 + 2 + 3
     assert stored(read(path, nodata="none")).min() == -32768
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "uint16", "float32", "float64"])
+@pytest.mark.parametrize("nodata", [None, 7])
+def test_heights_under_an_alpha_of_0_are_voids(
+    tmp_path: Path, dtype: str, nodata: int | None
+) -> None:
+    """GDAL heeds no alpha of floats, nor any beside a value for voids: heights of 0 were left."""
+    values = heights().astype(dtype)
+    planes = np.stack([values, np.full_like(values, 1)])
+    planes[:, 4:9, 5:9] = 0
+    planes[0, 20, 20] = 7
+    path = write(
+        tmp_path / "a.tif", planes, crs="EPSG:32633", alpha="YES", photometric="MINISBLACK"
+    )
+    with rasterio.open(path, "r+") as file:
+        file.nodata = nodata
+    found = read(path, nodata=7)
+    assert (found.holes, found.filled_px) == (2, 5 * 4 + 1)
+    assert found.ground.elevation_m.min() > 130
+    # Of a window the alpha is that of the window.
+    window = {"window": {"size_m": [100, 100]}}
+    assert read(path, nodata=7, **window).filled_px < 21
+
+
+def test_a_value_for_voids_counts_beside_a_mask(tmp_path: Path) -> None:
+    values = heights()
+    values[3, 3] = values[10, 10] = -9999.1
+    mask = np.full(values.shape, 255, np.uint8)
+    mask[15:17, 15] = 0
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True):
+        path = write(tmp_path / "a.tif", values, crs="EPSG:32633", nodata=-9999.1)
+        with rasterio.open(path, "r+") as file:
+            file.write_mask(mask)
+    assert read(path).filled_px == 4
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset"), [(0.0, 0.0), (np.nan, 0.0), (np.inf, 0.0), (1.0, np.nan), (1.0, -np.inf)]
+)
+def test_a_scale_that_leaves_no_relief_is_refused(
+    tmp_path: Path, scale: float, offset: float
+) -> None:
+    path = write(tmp_path / "a.tif", heights(), crs="EPSG:32633")
+    with rasterio.open(path, "r+") as file:
+        file.scales, file.offsets = (scale,), (offset,)
+    refused = rf"scale of {scale:g} and an offset of {offset:g} in band 1.*other than 0"
+    with pytest.raises(InvalidInputError, match=refused):
+        read(path)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiff_that_is_to_be_turned_is_refused(tmp_path: Path, orientation: int) -> None:
+    path = tmp_path / "a.tif"
+    Image.fromarray(heights().astype(np.uint16)).save(path, tiffinfo={274: orientation})
+    if orientation == 1:
+        assert np.allclose(stored(read(path, spacing_m=1.0)), heights().astype(int))
+        return
+    with pytest.raises(InvalidInputError, match=f"orientation {orientation}.*expected 1"):
+        read(path, spacing_m=1.0)
 
 
 @pytest.mark.parametrize("what", ["cliff", "island", "trench", "tower", "flat"])
