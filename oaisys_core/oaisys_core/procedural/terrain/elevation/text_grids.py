@@ -27,8 +27,16 @@ _HEADS = {
     "GRASSASCIIGrid": _GRASS_HEAD,
     "ISG": re.compile(rb".*?^end_of_head[^\n]*\n", re.I | re.S | re.M),
     "GSAG": re.compile(rb"DSAA(?:\s+\S+){8}"),
+    "GXF": re.compile(rb".*?^#GRID[^\n]*\n", re.I | re.S | re.M),
+    "ZMap": re.compile(rb".*?^@[ \t]*\r?\n", re.S | re.M),
 }
-"""What stands before the heights, by GDAL's drivers of grids whose heights stand between blanks."""
+"""What stands before the heights, by GDAL's drivers of grids that are texts."""
+
+_WORD_OF_ZMAP = re.compile(rb"\S*[^-+.\deE\s]\S*")
+"""Its numbers have a width, and may stand without blanks between them."""
+
+_PACKED = re.compile(rb"^#GTYPE?\s+[1-9]", re.I | re.M)
+"""In the head of a GXF file whose numbers are letters."""
 
 _END = 8.6420e307
 """Follows the heights: it is only reached if all of them are numbers."""
@@ -41,7 +49,7 @@ _POINT = re.compile(rb"^[ \t,;]*[-+.\d]", re.M)
 
 
 def read_text_heights(data: bytes, file: Any, field: str) -> FloatArray | None:
-    """Return the heights of a grid in a text file; None if the file is of another format.
+    """Return the heights of a grid in a text file; None if GDAL reads them, of GXF and ZMap too.
 
     Args:
         data: The file.
@@ -60,6 +68,13 @@ def read_text_heights(data: bytes, file: Any, field: str) -> FloatArray | None:
     found = pattern.match(data)
     start = 0 if found is None else found.end()
     head, body = data[:start], data[start:]
+    if file.driver == "ZMap":
+        _check_word(_WORD_OF_ZMAP.search(body), field)
+        return None
+    if file.driver == "GXF":  # whose head says in which order they are
+        if not _PACKED.search(head):
+            _numbers(_with_nan(body, None), file.shape, field)
+        return None
     multiplier = _MULTIPLIER.search(head) if file.driver == "GRASSASCIIGrid" else None
     if multiplier is not None and _number(multiplier[1]) != 1:
         received = f"a multiplier of {_shown(multiplier[1])}"
@@ -117,12 +132,16 @@ def _numbers(text: bytes, shape: tuple[int, int], field: str) -> FloatArray:
     is_whole = len(found) > 0 and found[-1] == _END
     if is_whole and len(found) == rows * cols + 1:
         return np.asarray(found[:-1])
-    word = None if is_whole else _WORD.search(text)
-    if word is not None:
-        expected = "a number, or for a void the value that the header names, * or nan"
-        raise InvalidInputError(f"{field}.file", f"the height {_shown(word[0])}", expected)
+    if not is_whole:
+        _check_word(_WORD.search(text), field)
     expected = f"{rows * cols} ({cols} columns x {rows} rows), as its header says"
     raise InvalidInputError(f"{field}.file", f"{len(text.split())} heights", expected)
+
+
+def _check_word(word: re.Match[bytes] | None, field: str) -> None:
+    if word is not None:
+        expected = "a number, or for a void the value that the header names"
+        raise InvalidInputError(f"{field}.file", f"the height {_shown(word[0])}", expected)
 
 
 def _number(word: bytes) -> float | None:

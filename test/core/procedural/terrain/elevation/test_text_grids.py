@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import from_origin
 
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
@@ -43,11 +45,13 @@ nodata         =  -9999.0
 ISG format     =    1.0
 end_of_head ==================================================
 """
+GXF = "#POINTS\n3\n#ROWS\n3\n#PTSEPARATION\n10\n#RWSEPARATION\n10\n#SENSE\n1\n#GRID\n"
 TEXTS = {
     "asc": "ncols 3\nnrows 3\nxllcorner 1000\nyllcorner 2000\ncellsize 10\n",
     "grass": GRASS,
     "grd": "DSAA\n3 3\n1000 1020\n2000 2020\n1 9\n",
     "isg": ISG,
+    "gxf": GXF,
 }
 
 
@@ -60,9 +64,10 @@ def text_grid(path: Path, kind: str, rows: str, head: str = "") -> Path:
 @pytest.mark.parametrize("kind", TEXTS)
 def test_heights_in_a_text_are_as_they_stand_there(tmp_path: Path, kind: str) -> None:
     expected = np.arange(1.0, 10).reshape(3, 3)
-    for rows in (ROWS, "1 2 3 4\r\n5\r\n6 +7. 80e-1 9.0\r\n\x1a", ROWS.replace("9", "9,0")):
+    odd = ["1 2 3 4\r\n5\r\n6 +7. 80e-1 9.0\r\n\x1a", ROWS.replace("9", "9,0")]
+    for rows in [ROWS, *(odd if kind != "gxf" else [])]:
         found = stored(read(text_grid(tmp_path, kind, rows), spacing_m=10.0))
-        assert (found == (expected[::-1] if kind == "grd" else expected)).all()
+        assert (found == (expected[::-1] if kind in ("grd", "gxf") else expected)).all()
 
 
 @pytest.mark.parametrize("kind", TEXTS)
@@ -121,6 +126,17 @@ def test_voids_in_a_text_are_what_its_header_says(
     assert found.filled_px == 1
     assert found.ground.elevation_m.min() == 0
     assert 4 < found.ground.elevation_m[1, 1] < 6
+
+
+def test_a_word_among_heights_of_a_width_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.dat"
+    size = {"width": 3, "height": 3, "count": 1, "dtype": "float64"}
+    with rasterio.open(path, "w", driver="ZMap", transform=from_origin(0, 30, 10, 10), **size) as f:
+        f.write(np.arange(1000.0, 1009).reshape(1, 3, 3))
+    assert stored(read(path)).max() == 1008
+    path.write_text(path.read_text().replace("1004.", "10o4."))
+    with pytest.raises(InvalidInputError, match=r"the height .*10o4\..*a number"):
+        read(path)
 
 
 def test_heights_of_grass_with_a_multiplier_are_refused(tmp_path: Path) -> None:
