@@ -9,6 +9,9 @@ import re
 import struct
 from collections.abc import Callable
 from math import ceil
+from typing import NamedTuple
+
+from oaisys_core.errors import quote
 
 FORMATS = "PNG, JPEG, TIFF, BMP, WebP or PNM"
 
@@ -47,17 +50,63 @@ def image_size(data: bytes) -> tuple[int, int]:
     raise ValueError(f"it is not a {FORMATS} file")
 
 
-def radiance_pixels(data: bytes) -> tuple[int, int, int]:
-    """Return width, height and the place of the pixels in a Radiance (``.hdr``) file.
+class RadianceHeader(NamedTuple):
+    """What the header of a Radiance (``.hdr``) file says.
+
+    Attributes:
+        width: Of the image.
+        height: Of the image.
+        start: Place of the pixels in the file.
+        factors: By which red, green and blue were multiplied when the file was written.
+    """
+
+    width: int
+    height: int
+    start: int
+    factors: tuple[float, float, float]
+
+
+def radiance_header(data: bytes) -> RadianceHeader:
+    """Return the header of a Radiance file.
 
     Raises:
-        ValueError: It is no such file, or its rows do not go from the top to the bottom.
+        ValueError: It is no such file, its rows do not go from the top to the bottom, its pixels
+            are not red, green and blue, or an exposure is no number above 0.
     """
     head = data[:_LONGEST_TEXT_HEADER]
     found = re.match(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n-Y (\d{1,9}) \+X (\d{1,9})\n", head)
-    if found is None or b"\nFORMAT=32-bit_rle_rgbe\n" not in found[0]:
+    formats = [] if found is None else re.findall(rb"\nFORMAT=[ \t]*(\S*)", found[0])
+    if found is None or not formats:
         raise ValueError("it is not a Radiance file with rows from the top to the bottom")
-    return int(found[2]), int(found[1]), found.end()
+    for other in {*formats} - {b"32-bit_rle_rgbe"}:
+        raise ValueError(f"its pixels are {_text(other)}, not 32-bit_rle_rgbe")
+    factors = _radiance_factors(found[0])
+    return RadianceHeader(int(found[2]), int(found[1]), found.end(), factors)
+
+
+def _radiance_factors(head: bytes) -> tuple[float, float, float]:
+    """Return the product of all exposures and colour corrections in a Radiance file's header."""
+    product = [1.0, 1.0, 1.0]
+    for name, text in re.findall(rb"\n(EXPOSURE|COLORCORR)=([^\n]*)", head):
+        try:
+            values = [float(value) for value in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != (1 if name == b"EXPOSURE" else 3) or not all(map(_is_factor, values)):
+            raise ValueError(f"its header says {_text(name + b'=' + text)}")
+        of_colors = values * (3 // len(values))
+        product = [all_ * each for all_, each in zip(product, of_colors, strict=True)]
+    if not all(map(_is_factor, product)):
+        raise ValueError(f"the exposures and colour corrections in its header make {product}")
+    return product[0], product[1], product[2]
+
+
+def _is_factor(value: float) -> bool:
+    return 1e-30 < value < 1e30
+
+
+def _text(data: bytes) -> str:
+    return quote(data.decode("ascii", "replace"))
 
 
 def tiff_orientation(data: bytes) -> int:

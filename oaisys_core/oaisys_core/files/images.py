@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_bytes
-from oaisys_core.files.image_headers import image_size, radiance_pixels
+from oaisys_core.files.image_headers import image_size, radiance_header
 from oaisys_core.types import MAX_IMAGE_PX
 
 _BYTES_PER_PIXEL = 16
@@ -22,6 +23,9 @@ _HEADER_BYTES = 1_000_000
 
 _EXR_CHANNELS = 8
 """Channels of an EXR file with as many pixels as it may have."""
+
+_EXR_CHROMA = ("RY", "BY")
+"""Channels that make the luminance in Y a colour."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,9 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
 
 
 def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
-    """Return the (H, W, 3) pixels of a Radiance file in OpenCV's order, blue first.
+    """Return the (H, W, 3) radiance in a Radiance file in OpenCV's order, blue first.
+
+    By the format's standard it is the pixels divided by all exposures that the header names.
 
     Raises:
         InvalidInputError: It is too large, or cannot be read.
@@ -119,13 +125,16 @@ def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
 
     data = read_file(path, use)
     try:
-        width, height, start = radiance_pixels(data)
+        width, height, start, factors = radiance_header(data)
     except ValueError as error:
         raise use.refusal(str(path), error) from error
     use.check(width, height, str(path))
     # A header of our own, because another reader may find another size in that of the file.
     head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width)
-    return _decode(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
+    pixels = _decode(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
+    if factors != (1.0, 1.0, 1.0):
+        pixels /= np.asarray(factors[::-1], np.float32)
+    return pixels
 
 
 def _decode(data: bytes, use: ImageUse, name: str, flags: int) -> NDArray[Any]:
@@ -149,7 +158,7 @@ def check_exr(file: Any, use: ImageUse, name: str) -> None:
         name: Of the file in errors.
 
     Raises:
-        InvalidInputError: It is too large or has deep pixels.
+        InvalidInputError: It is too large, or has deep pixels or channels of chroma.
     """
     import OpenEXR
 
@@ -162,10 +171,23 @@ def check_exr(file: Any, use: ImageUse, name: str) -> None:
         low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
         width, height = (int(each) for each in high - low + 1)
         use.check(max(width, 0), max(height, 0), name)
+        _check_exr_channels(header["channels"], use, name)
         values += width * height * len(header["channels"])
         if "tiles" in header:
             tile = header["tiles"]
             use.check(int(tile.xSize), int(tile.ySize), name)
     if values > use.most_px * _EXR_CHANNELS:
         expected = f"{use.name} of at most {use.most_px * _EXR_CHANNELS} values, not {values}"
+        raise InvalidInputError(use.field, name, expected)
+
+
+def _check_exr_channels(channels: Sequence[Any], use: ImageUse, name: str) -> None:
+    """Raise if an EXR file has luminance and chroma for colours, or channels of another size."""
+    chroma = [each.name for each in channels if each.name.rpartition(".")[2] in _EXR_CHROMA]
+    if chroma:
+        expected = f"{use.name} with channels R, G and B, not luminance and {', '.join(chroma)}"
+        raise InvalidInputError(use.field, name, expected)
+    coarse = [each.name for each in channels if (each.xSampling, each.ySampling) != (1, 1)]
+    if coarse:
+        expected = f"{use.name} whose channels have each pixel, not as {', '.join(coarse)}"
         raise InvalidInputError(use.field, name, expected)

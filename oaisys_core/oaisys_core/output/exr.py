@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import RenderError
+from oaisys_core.errors import InvalidInputError, RenderError, quote
 from oaisys_core.files.images import FRAME, ImageUse, check_exr, read_file
 from oaisys_core.output.files import write_bytes
 
@@ -46,26 +46,40 @@ def encode_channels(channels: Mapping[str, NDArray[Any]]) -> bytes:
     return stream.getvalue()
 
 
-def read_channels(path: Path, use: ImageUse = FRAME) -> dict[str, NDArray[Any]]:
-    """Return the (H, W) channels of all parts of an image, by name.
+def read_channels(
+    path: Path, use: ImageUse = FRAME, *, all_parts: bool = False
+) -> dict[str, NDArray[Any]]:
+    """Return the (H, W) channels of an image, by name.
+
+    Args:
+        path: The file.
+        use: Bounds its size.
+        all_parts: Whether it may have several parts, whose channels then have different names, as
+            Blender writes them.
 
     Raises:
         InvalidInputError: It cannot be read, or is larger than ``use`` allows.
     """
-    return decode_channels(read_file(path, use), str(path), use)
+    return decode_channels(read_file(path, use), str(path), use, all_parts=all_parts)
 
 
-def decode_channels(data: bytes, name: str, use: ImageUse = FRAME) -> dict[str, NDArray[Any]]:
+def decode_channels(
+    data: bytes, name: str, use: ImageUse = FRAME, *, all_parts: bool = False
+) -> dict[str, NDArray[Any]]:
     """Return the (H, W) channels of an EXR file's bytes, by name; errors call it ``name``.
 
     Raises:
-        InvalidInputError: They are no EXR image, or one larger than ``use`` allows.
+        InvalidInputError: They are no EXR image, or one that ``use`` does not allow.
     """
     import OpenEXR
 
     try:
         with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
             check_exr(file, use, name)
+            if len(file.parts) > 1 and not all_parts:
+                parts = ", ".join(quote(part.header.get("name", "")) for part in file.parts)
+                expected = f"{use.name} of one part, not of {len(file.parts)}: {parts}"
+                raise InvalidInputError(use.field, name, expected)
         with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
             channels = {name: c for part in file.parts for name, c in part.channels.items()}
             return {name: np.asarray(channel.pixels) for name, channel in channels.items()}

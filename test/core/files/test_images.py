@@ -25,12 +25,13 @@ from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import DocumentError
-from oaisys_core.files.image_headers import image_size, radiance_pixels
+from oaisys_core.files.image_headers import image_size, radiance_header
 from oaisys_core.files.images import (
     ELEVATION,
     FRAME,
     TEXTURE,
     USES,
+    ImageUse,
     decode_pixels,
     read_pixels,
 )
@@ -256,8 +257,8 @@ def test_radiance_files_of_others_are_read_as_before(tmp_path: Path) -> None:
     pixels = np.random.default_rng(3).uniform(0, 9, (8, 16, 3)).astype(np.float32)
     cv2.imwrite(str(tmp_path / "sky.hdr"), pixels)
     data = (tmp_path / "sky.hdr").read_bytes()
-    _, _, start = radiance_pixels(data)
-    head = b"#?RGBE\n# by somebody\nEXPOSURE=2\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n"
+    start = radiance_header(data).start
+    head = b"#?RGBE\n# by somebody\nEXPOSURE=1\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n"
     (tmp_path / "other.hdr").write_bytes(head + data[start:])
     expected = cv2.imread(str(tmp_path / "sky.hdr"), cv2.IMREAD_UNCHANGED)[..., ::-1]
     for name in ("sky.hdr", "other.hdr"):
@@ -333,6 +334,43 @@ def test_deep_and_many_channelled_exr_images_are_refused() -> None:
     small = type(FRAME)("a test", 17, "image")
     with pytest.raises(InvalidInputError, match="136 values, not 144"):
         exr.decode_channels(stream.getvalue(), "a.exr", small)
+
+
+def exr_bytes(*parts: OpenEXR.Part) -> bytes:
+    stream = io.BytesIO()
+    with OpenEXR.File(list(parts)) as file:
+        file.write(stream)
+    return stream.getvalue()
+
+
+def exr_part(name: str, *channels: str) -> OpenEXR.Part:
+    planes = {channel: np.full((4, 8), 0.5, np.float32) for channel in channels}
+    return OpenEXR.Part({"name": name, "type": OpenEXR.scanlineimage}, planes)
+
+
+@pytest.mark.parametrize("use", USES, ids=lambda use: use.name)
+def test_exr_images_of_several_parts_are_refused_by_their_names(use: ImageUse) -> None:
+    """The last one won: depths became the sky's radiance."""
+    data = exr_bytes(exr_part("left", *"RGB"), exr_part("depth", *"RGB"))
+    with pytest.raises(InvalidInputError, match=r"one part, not of 2: 'left', 'depth'") as refused:
+        exr.decode_channels(data, "a.exr", use)
+    assert use.field in str(refused.value)
+    assert set(exr.decode_channels(data, "a.exr", use, all_parts=True)) == set("RGB")
+
+
+@pytest.mark.parametrize("layer", ["", "sky."])
+def test_exr_images_of_luminance_and_chroma_are_refused(layer: str) -> None:
+    """They became a grey sky, and chroma became a texture's colour."""
+    names = [layer + name for name in ("Y", "RY", "BY")]
+    with pytest.raises(InvalidInputError, match=rf"luminance and {layer}BY, {layer}RY"):
+        exr.decode_channels(exr_bytes(exr_part("a", *names)), "a.exr")
+
+
+def test_exr_images_whose_channels_lack_pixels_are_refused() -> None:
+    half = OpenEXR.Channel(np.zeros((2, 4), np.float32), 2, 2)
+    data = exr_bytes(OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Y": half}))
+    with pytest.raises(InvalidInputError, match=r"each pixel, not as Y"):
+        exr.decode_channels(data, "a.exr")
 
 
 def test_the_bounds_are_documented() -> None:

@@ -137,8 +137,9 @@ def _read_photograph(file: Path) -> NDArray[Any]:
 
 def _read_exr(file: Path) -> NDArray[Any]:
     channels = read_channels(file, SKY)
-    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
-    if not set(names) <= set(channels):
+    is_grey = "Y" in channels and channels.keys() <= {"Y", "A"}
+    names = ("Y", "Y", "Y") if is_grey else ("R", "G", "B")
+    if not channels.keys() >= set(names):
         expected = f"channels R, G and B, or Y, not {', '.join(sorted(channels))}"
         raise InvalidInputError("environment.hdri", str(file), expected)
     return np.stack([channels[name] for name in names], axis=-1)

@@ -120,14 +120,33 @@ def read_map(path: Path) -> tuple[Image, bool]:
 
 
 def _exr_image(path: Path) -> Image:
-    layers = read_channels(path, TEXTURE)
-    channels = {name.rpartition(".")[2]: each for name, each in layers.items()}
-    grey = next(iter(channels.values()))
-    names = [each for each in "RGBA" if each in channels or each != "A"]
-    if grey.dtype.kind != "f":
+    channels = _one_layer(read_channels(path, TEXTURE), path)
+    colors = [name for name in channels if name != "A"] or ["A"]
+    if len(colors) == 1:
+        names = colors * 3
+    elif set(colors) >= set("RGB"):
+        names = ["R", "G", "B"]
+    else:
+        expected = f"channels R, G and B, or one alone, not {', '.join(channels)}"
+        raise InvalidInputError("folder", str(path), expected)
+    names += ["A"] * ("A" in channels and colors != ["A"])
+    if channels[names[0]].dtype.kind != "f":
         raise InvalidInputError("folder", str(path), "a map of floats, not of integers, as EXR")
-    stack = np.stack([channels.get(name, grey) for name in names], axis=-1)
-    return np.asarray(stack, np.float32)
+    return np.asarray(np.stack([channels[name] for name in names], axis=-1), np.float32)
+
+
+def _one_layer(channels: Mapping[str, NDArray[Any]], path: Path) -> dict[str, NDArray[Any]]:
+    """Return the channels without a layer, else those of the only layer, by their last letters."""
+    layers: dict[str, dict[str, NDArray[Any]]] = {}
+    for name, values in channels.items():
+        layer, _, letters = name.rpartition(".")
+        layers.setdefault(layer, {})[letters] = values
+    if "" in layers:
+        return layers[""]
+    if len(layers) > 1:
+        expected = f"an image with one layer, not {', '.join(layers)}"
+        raise InvalidInputError("folder", str(path), expected)
+    return next(iter(layers.values()))
 
 
 def _plain_image(path: Path) -> tuple[Image, bool]:

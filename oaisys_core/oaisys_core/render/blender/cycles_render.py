@@ -109,7 +109,7 @@ def _render_to_file(rendered: RenderResult) -> None:
         with collect_errors(bpy.app.version) as errors:
             bpy.ops.render.render(write_still=True)
         rendered.errors += errors
-        rendered.passes = _passes_of_channels(read_channels(file))
+        rendered.passes = _passes_of_channels(read_channels(file, all_parts=True))
 
 
 def _passes_of_channels(channels: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:

@@ -108,6 +108,35 @@ def test_heights_of_an_exr_image_beyond_1_keep_their_shape(
     assert "a_disp.exr" in caplog.text
 
 
+@pytest.mark.parametrize(
+    "channels",
+    [
+        {"Y": 0.5, "A": 1.0},
+        {"R": 0.5, "G": 0.5, "B": 0.5, "A": 1.0},
+        {"R": 0.5, "G": 0.5, "B": 0.5, "sky.R": 0.7, "sky.G": 0.7, "sky.B": 0.7},
+        {"rock.V": 0.5, "rock.A": 1.0},
+    ],
+)
+def test_an_exr_map_is_its_colours_or_its_only_channel(
+    folder: Path, channels: dict[str, float]
+) -> None:
+    """Alpha, and the last of several layers, were taken for the map."""
+    planes = {name: np.full((SIZE, SIZE), each, np.float32) for name, each in channels.items()}
+    write_channels(folder / "a_rough.exr", planes)
+    assert (load_texture_folder(folder, 1.0).roughness == 128).all()
+
+
+@pytest.mark.parametrize("names", [("R", "G"), ("X", "Y", "Z"), ("a.R", "b.R")])
+def test_an_exr_map_of_other_channels_is_refused_by_name(
+    folder: Path, names: tuple[str, ...]
+) -> None:
+    plane = np.full((SIZE, SIZE), 0.5, np.float32)
+    write_channels(folder / "a_rough.exr", dict.fromkeys(names, plane))
+    shown = ", ".join(sorted({name.split(".")[0] for name in names}))
+    with pytest.raises(InvalidInputError, match=rf"a_rough\.exr.*not {shown}"):
+        load_texture_folder(folder, 1.0)
+
+
 def test_infinite_heights_are_refused(folder: Path) -> None:
     height = np.full((SIZE, SIZE), np.nan, np.float32)
     write_channels(folder / "a_disp.exr", {"R": height})

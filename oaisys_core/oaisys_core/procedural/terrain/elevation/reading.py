@@ -133,9 +133,18 @@ def _check_grey(colors: NDArray[Any], path: Path, field: str) -> None:
 
 def _read_exr(path: Path, field: str) -> FloatArray:
     channels = exr.read_channels(path, use_of(field))
-    for name in (exr.GREY, "Z"):
-        if name in channels:
-            return np.asarray(channels[name], np.float64)
+    values = _exr_heights(channels, field)
+    if "A" in channels and len(channels) > 1:
+        values = np.where(channels["A"] == 0, np.nan, values)  # transparent
+    return values
+
+
+def _exr_heights(channels: dict[str, NDArray[Any]], field: str) -> FloatArray:
+    named = [name for name in (exr.GREY, "Z") if name in channels]
+    if len(named) == 1:
+        return np.asarray(channels[named[0]], np.float64)
+    if named:
+        raise InvalidInputError(f"{field}.file", sorted(channels), "heights in Y or Z, not in both")
     for names in (("R", "G", "B"), ("RGB.R", "RGB.G", "RGB.B")):
         if names[0] not in channels:
             continue
@@ -146,8 +155,9 @@ def _read_exr(path: Path, field: str) -> FloatArray:
         raise InvalidInputError(
             f"{field}.file", sorted(channels), "heights in a channel Y or Z, or in equal R, G and B"
         )
-    if len(channels) == 1:
-        return np.asarray(next(iter(channels.values())), np.float64)
+    alone = [name for name in channels if name != "A"] or ["A"]
+    if len(alone) == 1:
+        return np.asarray(channels[alone[0]], np.float64)
     raise InvalidInputError(f"{field}.file", sorted(channels), "an image with a channel Y, Z or R")
 
 

@@ -149,6 +149,17 @@ def test_heights_under_an_alpha_of_0_are_voids(
     assert read(path, nodata=7, **window).filled_px < 21
 
 
+def test_transparent_pixels_of_an_exr_are_voids(tmp_path: Path) -> None:
+    values, alpha = heights(), np.ones((24, 30), np.float32)
+    values[5, 5:7] = alpha[5, 5:7] = 0
+    for names in (("Y", "A"), ("R", "G", "B", "A"), ("height", "A")):
+        exr.write_channels(tmp_path / "a.exr", dict.fromkeys(names, values) | {"A": alpha})
+        assert read(tmp_path / "a.exr", spacing_m=1.0).filled_px == 2
+    exr.write_channels(tmp_path / "a.exr", dict.fromkeys("XYZ", values))
+    with pytest.raises(InvalidInputError, match="in Y or Z, not in both"):
+        read(tmp_path / "a.exr", spacing_m=1.0)
+
+
 def test_a_value_for_voids_counts_beside_a_mask(tmp_path: Path) -> None:
     values = heights()
     values[3, 3] = values[10, 10] = -9999.1
