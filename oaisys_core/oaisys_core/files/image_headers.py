@@ -27,8 +27,11 @@ _TAGS = {
 }
 _TIFF_VALUES = {3: "H", 4: "I", 16: "Q"}
 _MAX_TAGS = 4096
+_MOST_BITS = 64
 _NO_FRAME = (0xC4, 0xC8, 0xCC)
 """Markers among those of a JPEG's frames that are none: tables and extensions."""
+_PNM_GAP = rb"(?:\s|#[^\n]*\n)+"
+_PNM_SIZE = rb"P[1-6]" + _PNM_GAP + rb"(\d{1,9})" + _PNM_GAP + rb"(\d{1,9})"
 _LONGEST_TEXT_HEADER = 65_536
 
 
@@ -48,6 +51,56 @@ def image_size(data: bytes) -> tuple[int, int]:
                 raise ValueError(f"its header says {width} x {height} pixels")
             return width, height
     raise ValueError(f"it is not a {FORMATS} file")
+
+
+class StoredValues(NamedTuple):
+    """How an image's file has its values.
+
+    Attributes:
+        largest: What a value may be at most; 255 for the colours of a palette.
+        is_scaled: Whether OpenCV makes 8 or 16 bits of them, if they have fewer.
+        starts_white: Whether 0 is white, as in TIFF's MinIsWhite.
+    """
+
+    largest: int = 255
+    is_scaled: bool = True
+    starts_white: bool = False
+
+
+def stored_values(data: bytes) -> StoredValues:
+    """Return how the file of an image that `image_size` knows has its values.
+
+    Raises:
+        ValueError: Its header is damaged.
+    """
+    try:
+        if data.startswith(b"\x89PNG"):
+            has_palette = data[25] == 3
+            return StoredValues() if has_palette else StoredValues(2 ** data[24] - 1)
+        if data[:2] in (b"II", b"MM"):
+            tags = _tiff_tags(data)
+            if tags.get("meaning") == 3:  # a palette
+                return StoredValues()
+            bits = tags.get("bits", 1)
+            if bits > _MOST_BITS:
+                raise ValueError(f"it has values of {bits} bits, more than {_MOST_BITS}")
+            return StoredValues(2**bits - 1, starts_white=tags.get("meaning") == 0)
+        if data.startswith(b"BM") and data[28:30] == b"\x10\0":
+            return StoredValues(31)
+        if data.startswith(b"P"):
+            return _pnm_values(data)
+    except (struct.error, KeyError, IndexError) as error:
+        raise ValueError("its header is damaged") from error
+    return StoredValues()
+
+
+def _pnm_values(data: bytes) -> StoredValues:
+    if data[1:2] in b"14":
+        return StoredValues(1)
+    found = re.match(_PNM_SIZE + _PNM_GAP + rb"(\d{1,5})\s", data[:4096])
+    if found is None:
+        raise ValueError("its header is damaged")
+    return StoredValues(int(found[3]), is_scaled=False)
 
 
 class RadianceHeader(NamedTuple):
@@ -181,9 +234,9 @@ def _tiff_tags(data: bytes) -> dict[str, int]:
         if name in found:
             raise ValueError(f"it has tag {tag} twice")
         form = _TIFF_VALUES[kind]
-        (values,) = struct.unpack_from(order + word, data, at + 4)
+        (length,) = struct.unpack_from(order + word, data, at + 4)
         value_at = at + entry_bytes - word_bytes
-        if name == "bits" and values * struct.calcsize(form) > word_bytes:
+        if name == "bits" and length * struct.calcsize(form) > word_bytes:
             (value_at,) = struct.unpack_from(order + word, data, value_at)
         (found[name],) = struct.unpack_from(order + form, data, value_at)
     return found
@@ -218,8 +271,7 @@ def _webp(data: bytes) -> tuple[int, int]:
 
 
 def _pnm(data: bytes) -> tuple[int, int]:
-    gap = rb"(?:\s|#[^\n]*\n)+"
-    found = re.match(rb"P[1-6]" + gap + rb"(\d{1,9})" + gap + rb"(\d{1,9})\s", data[:4096])
+    found = re.match(_PNM_SIZE + rb"\s", data[:4096])
     if found is None:
         raise ValueError("its header is damaged")
     return int(found[1]), int(found[2])

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_bytes
-from oaisys_core.files.image_headers import image_size, radiance_header
+from oaisys_core.files.image_headers import (
+    StoredValues,
+    image_size,
+    radiance_header,
+    stored_values,
+)
 from oaisys_core.types import MAX_IMAGE_PX
 
 _BYTES_PER_PIXEL = 16
@@ -36,11 +41,14 @@ class ImageUse:
         name: Of the use, in errors.
         most_px: Pixels that it may have.
         field: Name of the configuration field in errors.
+        is_of_numbers: Whether pixels are ids or heights, so that they count as the file has them;
+            else they are shares of white.
     """
 
     name: str
     most_px: int
     field: str
+    is_of_numbers: bool = False
 
     @property
     def most_bytes(self) -> int:
@@ -63,11 +71,13 @@ class ImageUse:
 
 TEXTURE = ImageUse("a texture", 8192 * 8192, "folder")
 MESH_TEXTURE = ImageUse("a mesh's texture", 8192 * 8192, "file")
-LABEL_IMAGE = ImageUse("a label image", 8192 * 8192, "labels_from")
+LABEL_IMAGE = ImageUse("a label image", 8192 * 8192, "labels_from", is_of_numbers=True)
 DENSITY = ImageUse("a density image", 8192 * 8192, "density.file")
 SKY = ImageUse("a sky image", 16384 * 8192, "environment.hdri")
-SKY_LABELS = ImageUse("a sky's label image", 16384 * 8192, "environment.hdri.labels_from")
-ELEVATION = ImageUse("an elevation model", 100_000_000, "stage.dem.file")
+SKY_LABELS = ImageUse(
+    "a sky's label image", 16384 * 8192, "environment.hdri.labels_from", is_of_numbers=True
+)
+ELEVATION = ImageUse("an elevation model", 100_000_000, "stage.dem.file", is_of_numbers=True)
 FRAME = ImageUse("a camera's image", MAX_IMAGE_PX, "image")
 USES = (TEXTURE, MESH_TEXTURE, LABEL_IMAGE, DENSITY, SKY, SKY_LABELS, ELEVATION, FRAME)
 
@@ -108,9 +118,26 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
 
     try:
         use.check(*image_size(data), name)
+        values = stored_values(data)
     except ValueError as error:
         raise use.refusal(name, error) from error
+    _check_values(values, use, name)
     return _decode(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
+
+
+def _check_values(values: StoredValues, use: ImageUse, name: str) -> None:
+    """Raise if the decoder would change values that count, or leave those that it should scale."""
+    bits = values.largest.bit_length()
+    usual = (255, 65535)
+    if values.largest not in usual and (use.is_of_numbers or not values.is_scaled):
+        expected = (
+            f"{use.name} of 8 or 16 bits, whose largest value is 255 or 65535, not {values.largest}"
+            f" ({bits} bits)"
+        )
+        raise InvalidInputError(use.field, name, expected)
+    if values.starts_white and (use.is_of_numbers or bits > 8):
+        expected = f"{use.name} in which 0 is black, not white (TIFF's MinIsWhite)"
+        raise InvalidInputError(use.field, name, expected)
 
 
 def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:

@@ -15,6 +15,7 @@ from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
+from oaisys_core.files.label_images import LabelPixels, read_label_pixels
 from oaisys_core.files.versions import Version, version_of
 from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import id_of_level
@@ -150,43 +151,31 @@ def _label_maps(
 ) -> dict[int, NDArray[np.uint16]]:
     maps: dict[int, NDArray[np.uint16]] = {}
     for source in sources:
-        values = _values(source.image)
-        wanted = {_number(value): each.semantic_ids for value, each in source.mapping.items()}
+        pixels = read_label_pixels(source.image, SKY_LABELS)
+        _check_layout(source.image, pixels.values)
+        wanted = {value: each.semantic_ids for value, each in source.mapping.items()}
         reach = max(len(ids) for ids in wanted.values())
         for step in range(reach):
             level = source.level + step
             start = maps.get(level)
-            if start is None or start.shape != values.shape:
-                start = np.full(values.shape, id_of_level(other_ids, level), np.uint16)
-            maps[level] = _label(values, wanted, step, start)
+            if start is None or start.shape != pixels.values.shape:
+                other = id_of_level(other_ids, level)
+                start = np.full(pixels.values.shape, other, np.uint16)
+            maps[level] = _label(pixels, wanted, step, start)
     return maps
 
 
 def _label(
-    values: NDArray[np.int64],
-    wanted: Mapping[int, tuple[int, ...]],
+    pixels: LabelPixels,
+    wanted: Mapping[str, tuple[int, ...]],
     step: int,
     start: NDArray[np.uint16],
 ) -> NDArray[np.uint16]:
     result = start.copy()
     for value, ids in wanted.items():
         if step < len(ids):
-            result[values == value] = ids[step]
+            result[pixels.where(value)] = ids[step]
     return result
-
-
-def _values(file: Path) -> NDArray[np.int64]:
-    """Return (H, W) pixel values as numbers: grey values, or -1 - 0xrrggbb for colours."""
-    image = read_pixels(file, SKY_LABELS)
-    _check_layout(file, image)
-    pixels = image.astype(np.int64)
-    if pixels.ndim == 2:
-        return np.asarray(pixels)
-    return np.asarray(-1 - (pixels[..., 2] * 65536 + pixels[..., 1] * 256 + pixels[..., 0]))
-
-
-def _number(value: str) -> int:
-    return -1 - int(value[1:], 16) if value.startswith("#") else int(value)
 
 
 def _check_layout(file: Path, image: NDArray[Any]) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import LABEL_IMAGE, read_pixels
+from oaisys_core.files.images import LABEL_IMAGE
+from oaisys_core.files.label_images import read_label_pixels
 from oaisys_core.scene.terrain_material import LabelImage
 
 
@@ -19,29 +20,27 @@ def load_label_image(
     """Return the labels in an image.
 
     Args:
-        path: A grey image of 8 or 16 bits, or a colour image.
+        path: A grey image of 8 or 16 bits, or a colour image of 8 bits.
         mapping: Semantic ids from level 0 on by pixel value: a grey value, or ``#rrggbb``.
         others: Ids of all other pixel values, and of levels that an entry does not have.
 
     Raises:
         InvalidInputError: The image cannot be read, or contains none of the values.
     """
-    values, is_color = _values(path)
+    pixels = read_label_pixels(path, LABEL_IMAGE)
     levels = max(len(others), *(len(ids) for ids in mapping.values()))
-    ids = np.zeros((levels, *values.shape), np.uint16)
+    ids = np.zeros((levels, *pixels.values.shape), np.uint16)
     for level, semantic_id in enumerate(others):
         ids[level] = semantic_id
     found = False
     for value, semantic_ids in mapping.items():
-        here = values == _number(value, is_color)
+        here = pixels.where(value)
         found = found or bool(here.any())
         for level, semantic_id in enumerate(semantic_ids):
             ids[level][here] = semantic_id
     if not found:
-        few = ", ".join(_text(value, is_color) for value in np.unique(values)[:8])
-        raise InvalidInputError(
-            "labels_from", str(path), f"an image with values of the mapping; it has {few}"
-        )
+        expected = f"an image with values of the mapping; it has {pixels.first_values()}"
+        raise InvalidInputError("labels_from", str(path), expected)
     return LabelImage(ids)
 
 
@@ -72,25 +71,3 @@ def label_stones(
     for level, semantic_id in enumerate(ids):
         by_level[level][here] = semantic_id
     return LabelImage(by_level)
-
-
-def _values(path: Path) -> tuple[NDArray[np.int64], bool]:
-    """Return (rows, columns) pixel values, and whether they are colours (0xrrggbb)."""
-    image = read_pixels(path, LABEL_IMAGE)
-    if image.dtype.kind != "u":
-        raise InvalidInputError("labels_from", str(path), "a readable image of 8 or 16 bits")
-    if image.ndim == 2:
-        return np.asarray(image, np.int64), False
-    blue, green, red = np.moveaxis(image[..., :3].astype(np.int64), -1, 0)
-    return np.asarray(red << 16 | green << 8 | blue, np.int64), True
-
-
-def _number(value: str, is_color: bool) -> int:
-    """Return the key of a mapping as a pixel value, converting between grey and colour."""
-    if value.startswith("#"):
-        return int(value[1:], 16) if is_color else int(value[1:3], 16)
-    return int(value) * 0x010101 if is_color else int(value)
-
-
-def _text(value: int, is_color: bool) -> str:
-    return f"#{value:06x}" if is_color else str(value)
