@@ -6,6 +6,7 @@ import io
 import struct
 import zlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -75,10 +76,10 @@ def bmp(bits: int) -> bytes:
 
 
 ODD: dict[str, tuple[Callable[[], bytes], str]] = {
-    **{f"PNG {bits}": (lambda bits=bits: png(bits), f"{bits} bits") for bits in (1, 2, 4)},
-    **{f"TIFF {bits}": (lambda bits=bits: tiff(bits), f"{bits} bits") for bits in (1, 4, 10, 12)},
-    **{f"P2 {most}": (lambda most=most: pnm("P2", most), f"not {most} ") for most in (15, 200)},
-    **{f"P5 {most}": (lambda most=most: pnm("P5", most), f"not {most} ") for most in (15, 4095)},
+    **{f"PNG {bits}": (partial(png, bits), f"{bits} bits") for bits in (1, 2, 4)},
+    **{f"TIFF {bits}": (partial(tiff, bits), f"{bits} bits") for bits in (1, 4, 10, 12)},
+    **{f"P2 {most}": (partial(pnm, "P2", most), f"not {most} ") for most in (15, 200)},
+    **{f"P5 {most}": (partial(pnm, "P5", most), f"not {most} ") for most in (15, 4095)},
     "P4": (lambda: b"P4\n8 4\n\1\2\3\4", "1 bits"),
     "BMP 16": (lambda: bmp(16), "5 bits"),
     "TIFF white 0": (lambda: tiff(8, photometric="MINISWHITE"), "MinIsWhite"),
