@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.documents import parse_json, read_bytes
+from oaisys_core.files.mesh_texts import check_ply_text, check_stl_text
 
 MAX_BYTES = 2_000_000_000
 """Size of a binary mesh file, and of a file that it refers to."""
@@ -62,7 +63,11 @@ def check_mesh_file(
             raise ValueError(f"at most {most} bytes, not {size}")
         if start.startswith(b"ply"):
             _check_ply(start, size, most_elements)
-        elif suffix == ".stl" and not start.lstrip().startswith(b"solid"):
+            if _is_text(".ply", start):
+                check_ply_text(path, start)
+        elif suffix == ".stl" and _is_text(suffix, start):
+            check_stl_text(path)
+        elif suffix == ".stl":
             _check_stl(start, size, most_elements)
     except (OSError, ValueError, struct.error) as error:
         raise InvalidInputError(field, str(path), f"a {suffix} file of {error}") from error
@@ -77,11 +82,19 @@ def check_map_file(path: Path, field: str) -> None:
     check_mesh_file(path, field, most_bytes=MAX_MAP_BYTES, most_elements=MAX_MAP_VERTICES)
 
 
+def is_text_stl(path: Path) -> bool:
+    """Return whether a .stl file is text."""
+    with path.open("rb") as file:
+        return _is_text(".stl", file.read(_HEADER_BYTES))
+
+
 def _is_text(suffix: str, start: bytes) -> bool:
     if suffix == ".ply":
-        return b"format ascii" in start
+        header = start.partition(b"\nend_header")[0]
+        return re.search(rb"(?m)^format[ \t]+ascii\b", header) is not None
     if suffix == ".stl":
-        return start.lstrip().startswith(b"solid")
+        # Binary files may begin so, too, but their counts have zeros.
+        return start.lstrip().lower().startswith(b"solid") and b"\0" not in start
     return suffix in (".obj", ".gltf")
 
 
@@ -89,15 +102,14 @@ def _check_ply(start: bytes, size: int, most: int) -> None:
     end = re.search(rb"\nend_header\r?\n", start)
     if end is None:
         raise ValueError(f"a header within {_HEADER_BYTES} bytes")
-    is_text = b"format ascii" in start
+    is_text = _is_text(".ply", start)
     announced = 0
     elements = re.split(rb"\nelement ", start[: end.start()])[1:]
     for element in elements:
         lines = element.splitlines()
-        name, _, count = lines[0].partition(b" ")
-        number = int(count)
+        name, number = _name_and_count(lines[0])
         row = max(1, sum(_ply_bytes(line, is_text) for line in lines[1:]))
-        if number > most:
+        if not 0 <= number <= most:
             raise ValueError(f"at most {most} of an element, not {number} {name.decode()}")
         announced += number * row
     # The last number of a text needs no space after it.
@@ -106,11 +118,21 @@ def _check_ply(start: bytes, size: int, most: int) -> None:
         raise ValueError(f"{expected}, not {announced} bytes")
 
 
+def _name_and_count(line: bytes) -> tuple[bytes, int]:
+    words = line.split()
+    if len(words) != 2 or not words[1].lstrip(b"-").isdigit():
+        raise ValueError("a header that names each element with its number")
+    return words[0], int(words[1])
+
+
 def _ply_bytes(line: bytes, is_text: bool) -> int:
     """Return how many bytes a property takes at least."""
     words = line.split()
     if not words or words[0] != b"property":
         return 0
+    if len(words) != (5 if words[1:2] == [b"list"] else 3):
+        shown = quote(line.decode("utf-8", errors="replace"))
+        raise ValueError(f"a header with the type and name of each property, not {shown}")
     if is_text:
         return 2
     return _PLY_TYPES.get(words[2] if words[1] == b"list" else words[1], 1)
@@ -120,7 +142,7 @@ def _check_stl(start: bytes, size: int, most: int) -> None:
     (count,) = struct.unpack_from("<I", start, 80)
     if count > most:
         raise ValueError(f"at most {most} triangles, not {count}")
-    if 84 + 50 * count > size:
+    if 84 + 50 * count != size:
         raise ValueError(f"{84 + 50 * count} bytes for its {count} triangles, not {size}")
 
 

@@ -31,3 +31,15 @@ def test_a_map_that_announces_more_than_it_contains_is_refused(
     file.write_bytes(HEADER.format(count=count).encode() + bytes(100))
     with pytest.raises(InvalidInputError, match=r"map\.ply.*(truncated|at most 400000000)"):
         read(file)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("read", [read_ply, read_truth])
+def test_a_map_that_is_text_and_cut_off_is_refused(tmp_path: Path, read: object) -> None:
+    file = tmp_path / "map.ply"
+    header = HEADER.replace("binary_little_endian", "ascii").format(count=4)
+    rows = "0.000 0 0\n1.000 0 0\n1.000 1 0\n"
+    file.write_text(f"{header}{rows}0.000 1 0\n3 0 1 2\n")
+    read(file)  # type: ignore[operator]
+    file.write_text(f"{header}{rows}3 0 1 2\n3 0 1 2\n")
+    with pytest.raises(InvalidInputError, match=r"map\.ply.*3 numbers in a row.*line 13"):
+        read(file)  # type: ignore[operator]
