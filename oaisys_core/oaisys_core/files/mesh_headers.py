@@ -11,6 +11,7 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.documents import parse_json, read_bytes
+from oaisys_core.files.gltf_structure import check_structure
 from oaisys_core.files.mesh_texts import check_ply_text, check_stl_text
 
 MAX_BYTES = 2_000_000_000
@@ -161,6 +162,7 @@ def read_gltf(path: Path, field: str) -> tuple[Mapping[str, Any], bytes]:
         document = parse_json(text)
         if not isinstance(document, dict):
             raise ValueError("it is not a JSON object")  # noqa: TRY004  # about the file
+        check_structure(document)
         _check_gltf(document)
     except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
         expected = f"a glTF file that can be used ({error})"

@@ -60,13 +60,13 @@ def load_gltf(path: Path, object_name: str | None, field: str) -> list[LoadedMes
         InvalidInputError: It cannot be read, or needs what is not read.
     """
     document, binary = read_gltf(path, field)
-    _check_extensions(document, path, field)
-    for name, data in inner_images(document, binary):
-        check_texture(data, f"{path}: {name}")
     references = FileReferences(path, field)
     accessors = Accessors(document, binary, references.get)
     materials = GltfMaterials(document, accessors, references.find, str(path))
     try:
+        _check_extensions(document, path, field)
+        for name, data in inner_images(document, binary):
+            check_texture(data, f"{path}: {name}")
         nodes = list(_nodes(document))
         chosen = [node for node in nodes if _is_named(document, node, object_name)]
         if object_name is not None and not chosen:
@@ -77,10 +77,10 @@ def load_gltf(path: Path, object_name: str | None, field: str) -> list[LoadedMes
             for index, T, _ in chosen
             for part in _Primitives(document, accessors, materials).of_node(index, T)
         ]
-    except (ValueError, KeyError, IndexError, TypeError, OSError) as error:
+        _tell_unused(document, materials, path)
+    except (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError) as error:
         expected = f"a glTF file that can be read ({type(error).__name__}: {error})"
         raise InvalidInputError(field, str(path), expected) from error
-    _tell_unused(document, materials, path)
     return parts
 
 
@@ -127,7 +127,10 @@ def _nodes(document: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray, tuple
 
 def _pose(node: Mapping[str, Any]) -> FloatArray:
     if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+        T = np.array(node["matrix"], np.float64).reshape(4, 4).T
+        if not np.allclose(T[3], (0, 0, 0, 1), rtol=0, atol=1e-6):
+            raise ValueError("a node's matrix must end with 0, 0, 0, 1 in its last row")
+        return T
     T = np.eye(4)
     R = scipy.spatial.transform.Rotation.from_quat(
         np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
@@ -190,6 +193,8 @@ class _Primitives:
     ) -> LoadedMesh:
         attributes = primitive["attributes"]
         vertices = self._accessors.floats(int(attributes["POSITION"]))
+        if vertices.shape[1] != 3:
+            raise ValueError("POSITION must be of VEC3")
         order = np.arange(len(vertices))
         if "indices" in primitive:
             order = self._accessors.integers(int(primitive["indices"]))

@@ -67,6 +67,8 @@ class Accessors:
             kind = np.dtype(TYPES[where["componentType"]])
             at = (int(where["bufferView"]), int(where.get("byteOffset", 0)))
             rows = self._array(*at, kind, number, 1)[:, 0].astype(np.int64)
+            if len(rows) and rows.min() < 0:
+                raise ValueError("sparse indices must be 0 or more")
             at = (int(what["bufferView"]), int(what.get("byteOffset", 0)))
             values[rows] = self._array(*at, dtype, number, width)
         return values
@@ -78,7 +80,9 @@ class Accessors:
         stride = int(self._document["bufferViews"][view].get("byteStride", 0))
         stride = stride or width * dtype.itemsize
         end = offset + (count - 1) * stride + width * dtype.itemsize
-        if offset < 0 or stride < 1 or end > len(data):
+        if stride < width * dtype.itemsize:
+            raise ValueError(f"the elements of buffer view {view} overlap")
+        if offset < 0 or end > len(data):
             raise ValueError(f"an accessor ends behind buffer view {view}")
         shape, strides = (count, width), (stride, dtype.itemsize)
         return np.ndarray(shape, dtype, data, offset, strides)
