@@ -14,6 +14,7 @@ from oaisys_core.procedural.meshes.blender_files import BLENDER_SUFFIXES, load_b
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
 from oaisys_core.procedural.meshes.gltf import load_gltf
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32, merge_parts
+from oaisys_core.procedural.meshes.obj import load_obj
 from oaisys_core.procedural.meshes.trimesh_files import load_by_trimesh
 from oaisys_core.types import FloatArray
 
@@ -52,6 +53,8 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     check_mesh_file(path, field)
     turned = path.suffix.lower() in Y_UP_SUFFIXES
     read = load_gltf if turned else load_by_trimesh
+    if path.suffix.lower() == ".obj":
+        read = load_obj
     content = read(path, object_name, field)
     parts = [part for part in content if isinstance(part, LoadedMesh) and len(part.triangles)]
     if object_name is not None and not parts:

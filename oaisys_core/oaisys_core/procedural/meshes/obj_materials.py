@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,9 +18,6 @@ from oaisys_core.scene import MeshMaterial, Wrap
 from oaisys_core.types import FloatArray
 
 LOG = logging.getLogger(__name__)
-
-LIBRARY = "oaisys.mtl"
-"""Name under which trimesh is given the names of all materials that a file uses."""
 
 WHITE = (1.0, 1.0, 1.0)
 PLAIN_SRGB = (0.8, 0.8, 0.8)
@@ -58,32 +53,29 @@ class TextureMap(NamedTuple):
 
 
 class ObjMaterials:
-    """The materials of a file; for trimesh a resolver that knows nothing but their names."""
+    """The materials of a file."""
 
-    def __init__(self, path: Path, references: FileReferences) -> None:
-        """Read the libraries that an .obj file names, and warn of what is missing."""
+    def __init__(
+        self, path: Path, references: FileReferences, libraries: Sequence[str], used: Sequence[str]
+    ) -> None:
+        """Read libraries, and warn of what is missing.
+
+        Args:
+            path: The .obj file.
+            references: Opens files for it.
+            libraries: What stands behind each ``mtllib``.
+            used: Names of the materials that it uses.
+        """
         self._path, self._references = path, references
-        text = path.read_bytes()
-        self._used = _arguments(text, b"usemtl")
         self._texts: dict[str, dict[str, str]] = {}
         self._found: dict[str, ObjMaterial] = {}
         self._images: dict[str, Any] = {}
-        for line in _arguments(text, b"mtllib"):
+        for line in libraries:
             self._read_library(line)
-        missing = [name for name in self._used if name not in self._texts]
+        missing = [name for name in used if name not in self._texts]
         if missing:
             names = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
             LOG.warning("%s: no .mtl file has these materials, so they are grey: %s", path, names)
-
-    def get(self, name: str) -> bytes:
-        """Return the names of all materials as a .mtl file; of any other file nothing."""
-        if name != LIBRARY:
-            raise FileNotFoundError(name)
-        # A name is appended to that of an object only if there are several materials.
-        return "".join(f"newmtl {each}\n" for each in (*self._used, "oaisys", "none")).encode()
-
-    def __getitem__(self, name: str) -> bytes:
-        return self.get(name)
 
     def of(self, name: str | None) -> ObjMaterial | None:
         """Return the material of a name; None if no library has it."""
@@ -143,18 +135,6 @@ class ObjMaterials:
         if alpha is not None and alpha.min() < alpha.max():
             return alpha
         return np.asarray(np.rint(colors.mean(axis=2)), np.uint8)
-
-
-def add_library_line(text: bytes) -> BytesIO:
-    """Return the text of an .obj file that names `LIBRARY` instead of its own libraries."""
-    without = re.sub(rb"(?m)^[ \t]*mtllib[^\n]*$", b"", text)
-    return BytesIO(b"mtllib " + LIBRARY.encode() + b"\n" + without)
-
-
-def _arguments(text: bytes, keyword: bytes) -> list[str]:
-    """Return what follows a keyword, once each, in the order of the file."""
-    lines = re.findall(rb"(?m)^[ \t]*" + keyword + rb"[ \t]+([^\r\n]+)", text)
-    return list(dict.fromkeys(line.decode("utf-8", errors="replace").strip() for line in lines))
 
 
 def _materials(text: str) -> dict[str, dict[str, str]]:
