@@ -125,6 +125,27 @@ def test_a_file_that_holds_no_mesh_is_told(tmp_path: Path) -> None:
     assert "stage.mesh.file" in ended.stderr
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("a.gltf", '{"asset": []}', "asset must be an object, not []"),
+        ("a.obj", "v 0 0\nv 1 0\nv 1 1\nf 1 2 3\n", "three coordinates"),
+        ("a.stl", "solid a\nfacet normal 0 0 1\n", "outer after facet"),
+    ],
+)
+def test_a_malformed_mesh_is_told_without_a_traceback(
+    tmp_path: Path, name: str, text: str, told: str
+) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    file = tmp_path / "world.yaml"
+    file.write_text(f"stage: {{mesh: {{file: {name}}}}}\n", encoding="utf-8")
+    ended = oaisys_here("config", "check", file)
+    assert ended.returncode == 2
+    assert "stage.mesh.file: received" in ended.stderr
+    assert told in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
 def test_examples_and_defaults_have_no_faults() -> None:
     assert name_faults(config_from_mapping({})) == []
     for name in ("stage_mesh", "stage_dem", "environment_hdri", "materials_label_image"):

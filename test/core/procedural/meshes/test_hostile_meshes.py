@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -203,3 +204,169 @@ def test_more_than_there_is_or_may_be_is_refused(top: Path, what: str) -> None:
     write, expected = BOMBS[what]
     with pytest.raises(InvalidInputError, match=expected):
         load_mesh(write(top / "root"))
+
+
+PLY_HEADER = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+)
+ROWS = ["0.000 0 0", "1.000 0 0", "1.000 1 0", "0.000 1 0", "3 0 1 2", "3 0 2 3"]
+INCOMPLETE_PLY = {
+    "a face less": (ROWS[:5], "2 rows of the element face, not 1"),
+    "a face cut off": (
+        [*ROWS[:5], "3 0"],
+        "4 numbers in a row of the element face, not 2: line 15",
+    ),
+    "a vertex less": (ROWS[1:], "3 numbers in a row of the element vertex, not 4: line 13"),
+    "no vertices": ([], "4 rows of the element vertex, not 0"),
+    "a row more": ([*ROWS, "3 1 2 3"], "the 6 rows that its header announces, not more: line 16"),
+    "an empty row": ([*ROWS[:2], "", *ROWS[2:]], "3 numbers in a row of .*, not 0: line 12"),
+    "two rows in one line": ([" ".join(ROWS[:2]), *ROWS[2:]], "3 numbers .*, not 6: line 10"),
+    "a word": (["x 0 0", *ROWS[1:]], "numbers, not 'x': line 10"),
+    "half an index": ([*ROWS[:5], "3 0 2.5 3"], "whole numbers from .* not 2.5: line 15"),
+}
+
+
+@pytest.mark.parametrize("what", INCOMPLETE_PLY)
+def test_a_text_ply_has_the_rows_that_it_announces(tmp_path: Path, what: str) -> None:
+    rows, expected = INCOMPLETE_PLY[what]
+    path = tmp_path / "a.ply"
+    path.write_text(PLY_HEADER + "".join(f"{row}\n" for row in ROWS) + "\n \n")
+    assert len(load_mesh(path).triangles) == 2
+    path.write_text(PLY_HEADER + "\n".join(rows))
+    with pytest.raises(InvalidInputError, match=rf"a\.ply.*{expected}"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "changed", "expected"),
+    [
+        ("element vertex 4", "element vertex", "names each element with its number"),
+        ("element vertex 4", "element vertex four", "names each element with its number"),
+        ("element vertex 4", "element vertex -4", "not -4 vertex"),
+        ("property float x", "property", "type and name of each property, not 'property'"),
+        ("property float x", "property list x", "type and name of each property"),
+        ("property float x", "property flaot x", "readable .ply file"),
+    ],
+)
+def test_a_header_of_a_ply_that_is_not_whole_is_refused(
+    tmp_path: Path, line: str, changed: str, expected: str
+) -> None:
+    path = tmp_path / "a.ply"
+    path.write_text(PLY_HEADER.replace(line, changed) + "\n".join(ROWS))
+    with pytest.raises(InvalidInputError, match=expected):
+        load_mesh(path)
+
+
+def facets(name: str, *heights: int) -> str:
+    """A solid of a text STL file."""
+    loops = (
+        f"facet normal 0 0 1\nouter loop\nvertex 0 0 {z}\nvertex 1 0 {z}\nvertex 0 1 {z}\n"
+        "endloop\nendfacet\n"
+        for z in heights
+    )
+    return f"solid {name}\n{''.join(loops)}endsolid {name}\n"
+
+
+@pytest.mark.parametrize("solids", [("a",), ("a", "b")])
+def test_a_text_stl_that_is_cut_anywhere_is_refused(
+    tmp_path: Path, solids: tuple[str, ...]
+) -> None:
+    whole = "".join(facets(name, 0, 1, 2) for name in solids)
+    path = tmp_path / "a.stl"
+    for text in (whole, whole.upper(), whole.replace("\n", "\r\n"), whole.replace("\n", "\n\t")):
+        path.write_bytes(text.encode())
+        assert len(load_mesh(path).triangles) == 3 * len(solids)
+    for kept in range(len("solid"), whole.rindex("endsolid") + len("endsolid")):
+        if re.search(r"endsolid( a?)?\n?$", whole[:kept]) is None:
+            path.write_text(whole[:kept])
+            with pytest.raises(InvalidInputError, match=r"a\.stl"):
+                load_mesh(path)
+
+
+def test_a_solid_whose_name_is_read_as_facets_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    path.write_text(facets("vertex 0 0 0 vertex 0 0 0 vertex 0 0 0", 0, 1))
+    with pytest.raises(InvalidInputError, match="2 facets that can be read, not 3"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize("more", [b"", b"more", bytes(50)])
+def test_a_binary_stl_is_as_long_as_its_count_says(tmp_path: Path, more: bytes) -> None:
+    triangle = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)
+    path = tmp_path / "a.stl"
+    for count in (1, 2) if more else (2,):
+        path.write_bytes(b"solid a".ljust(80) + struct.pack("<I", count) + triangle + more)
+        if count == 2 and len(more) == 50:
+            assert len(load_mesh(path).triangles) == 2
+            continue
+        with pytest.raises(InvalidInputError, match=f"bytes for its {count} triangles, not"):
+            load_mesh(path)
+
+
+MALFORMED: dict[str, tuple[dict[str, Any], str]] = {
+    "asset": ({"asset": []}, r"asset must be an object, not \[\]"),
+    "extensions": ({"extensionsRequired": 5}, "extensionsRequired must be a list, not 5"),
+    "names": ({"extensionsRequired": [5]}, "extensionsRequired.0 must be text, not 5"),
+    "texture": ({"textures": [3]}, "textures.0 must be an object, not 3"),
+    "its extensions": (
+        {"textures": [{"extensions": 3}]},
+        "textures.0.extensions must be an object",
+    ),
+    "an extension": (
+        {"textures": [{"extensions": {"EXT_texture_webp": [1]}}]},
+        "textures.0.extensions.EXT_texture_webp must be an object",
+    ),
+    "primitive": ({"meshes": [{"primitives": [3]}]}, "meshes.0.primitives.0 must be an object"),
+    "primitives": ({"meshes": [{"primitives": "x"}]}, "meshes.0.primitives must be a list"),
+    "attributes": (
+        {"meshes": [{"primitives": [{"attributes": [0]}]}]},
+        "meshes.0.primitives.0.attributes must be an object",
+    ),
+    "accessor -1": (
+        {"meshes": [{"primitives": [{"attributes": {"POSITION": -1}}]}]},
+        "attributes.POSITION must be an index, from 0, of one of the 2 accessors, not -1",
+    ),
+    "indices -1": (
+        {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": -1}]}]},
+        "primitives.0.indices must be an index",
+    ),
+    "node -1": (
+        {"scenes": [{"nodes": [-1]}]},
+        "scenes.0.nodes.0 must be an index, .* nodes, not -1",
+    ),
+    "node of true": ({"scenes": [{"nodes": [True]}]}, "scenes.0.nodes.0 must be an index"),
+    "child -1": ({"nodes": [{"mesh": 0, "children": [-1]}]}, "nodes.0.children.0 must be an index"),
+    "children": ({"nodes": [{"mesh": 0, "children": 3}]}, "nodes.0.children must be a list"),
+    "nodes as text": ({"scenes": [{"nodes": "0"}]}, "scenes.0.nodes must be a list, not '0'"),
+    "scene -1": ({"scene": -1}, "scene must be an index, from 0, of one of the 1 scenes, not -1"),
+    "scene 9": ({"scene": 9}, "scene must be an index"),
+    "mesh -1": ({"nodes": [{"mesh": -1}]}, "nodes.0.mesh must be an index"),
+    "source -1": ({"textures": [{"source": -1}]}, "textures.0.source must be an index"),
+    "materials": ({"materials": 3}, "material"),
+    "pbr": ({"materials": [{"pbrMetallicRoughness": 3}]}, "pbrMetallicRoughness must be an object"),
+    "emission": ({"materials": [{"emissiveFactor": 3}]}, "TypeError"),
+    "an address": (
+        {"buffers": [{"byteLength": 60, "uri": 7}]},
+        "buffers.0.uri must be text, not 7",
+    ),
+    "an image": ({"images": [{"uri": "data:image/png;base64,abc"}]}, "padding"),
+    "a shear": (
+        {"nodes": [{"mesh": 0, "matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}]},
+        "0, 0, 0, 1 in its last row",
+    ),
+    "a stride": (
+        {"bufferViews": [{"buffer": 0, "byteLength": 60, "byteStride": 4}, {"byteLength": 24}]},
+        "overlap",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MALFORMED)
+def test_a_malformed_gltf_is_refused_by_the_place(top: Path, what: str) -> None:
+    more, expected = MALFORMED[what]
+    path = gltf(**more)(top / "root")
+    with pytest.raises(InvalidInputError, match=expected) as error:
+        load_mesh(path, field="stage.mesh.file")
+    assert error.value.field == "stage.mesh.file"
+    assert error.value.received == str(path)
