@@ -67,7 +67,7 @@ class StoredValues(NamedTuple):
     starts_white: bool = False
 
 
-def stored_values(data: bytes) -> StoredValues:
+def values_of(data: bytes) -> StoredValues:
     """Return how the file of an image that `image_size` knows has its values.
 
     Raises:

@@ -16,7 +16,7 @@ from oaisys_core.files.image_headers import (
     StoredValues,
     image_size,
     radiance_header,
-    stored_values,
+    values_of,
 )
 from oaisys_core.types import MAX_IMAGE_PX
 
@@ -118,7 +118,7 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
 
     try:
         use.check(*image_size(data), name)
-        values = stored_values(data)
+        values = values_of(data)
     except ValueError as error:
         raise use.refusal(name, error) from error
     _check_values(values, use, name)
