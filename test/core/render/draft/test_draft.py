@@ -15,6 +15,7 @@ from oaisys_core.color import linear
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, transform
 from oaisys_core.procedural.environment.light import sky_irradiance_w_m2
 from oaisys_core.raycast import surface as surface_module
+from oaisys_core.raycast import view as view_module
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.render.draft.draft import DraftRenderer, Shaded
@@ -203,7 +204,7 @@ def test_the_same_view_has_the_same_bytes_whatever_was_seen_before() -> None:
 
 
 def test_bytes_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(surface_module, "BAND_PIXELS", 320)
+    monkeypatch.setattr(view_module, "BAND_PIXELS", 320)
     scene = rocky_world()
     images = []
     for threads in (0, 1, 5):
