@@ -15,11 +15,13 @@ from oaisys_core.procedural.environment.light import (
     sky_irradiance_w_m2,
 )
 from oaisys_core.raycast.surface import Surface
+from oaisys_core.render.draft.ground.ground_details import darken_wet
 from oaisys_core.render.draft.ground.texture_atlas import TextureAtlas
 from oaisys_core.render.draft.ground.water import fresnel
 from oaisys_core.render.draft.light.sky_light import SkyLight
 from oaisys_core.render.draft.light.visibility import SkyVisibility
 from oaisys_core.render.draft.objects.rock_texture import box_weights
+from oaisys_core.render.shading.looks import WET_DARKENING
 from oaisys_core.scene import HeightField
 from oaisys_core.scene.sky import SkyModel
 from oaisys_core.sensing.view_transforms import FILMS, show
@@ -82,17 +84,30 @@ def test_water_mirrors_two_percent_from_above_and_all_at_the_horizon() -> None:
     assert found[2] > 0.99
 
 
+def test_ground_is_wet_on_the_stage_alone() -> None:
+    places = np.array([(0.0, 0.0, 1.0), (0.0, 0.0, 2.5), (0.0, 0.0, 4.0), (12.0, 0.0, 1.0)])
+    color = np.ones((4, 3), np.float32)
+    darken_wet((2.0, 3.0), (-10.0, -10.0, 10.0, 10.0), places, color)
+    dark = 1 - WET_DARKENING
+    np.testing.assert_allclose(color[:, 1], (dark, (1 + dark) / 2, 1, 1), atol=1e-6)
+
+
 def test_the_bottom_of_a_trench_sees_the_sky_between_its_walls() -> None:
     scene = replace(flat_world(), primitives=())
     x_m = np.linspace(-20, 20, 257)
     depth_m = np.where(np.abs(x_m) < 4, 0.0, 8.0).astype(np.float32)
     ground = HeightField(np.repeat(depth_m[None], 257, axis=0), (-20.0, -20.0), 40 / 256)
-    surface = Surface(replace(scene, ground=ground), None)
-    middle, above = SkyVisibility(surface).at(np.array([(0.0, 0.0, 0.0), (12.0, 0.0, 8.0)]))
+    visibility = SkyVisibility(Surface(replace(scene, ground=ground), None))
+    middle, above = visibility.at(np.array([(0.0, 0.0, 0.0), (12.0, 0.0, 8.0)]))
     # A long trench whose walls rise by 63 degrees; horizons are searched in steps.
     assert degrees(np.arctan2(8, 4)) == pytest.approx(63.4, abs=0.1)
     assert middle == pytest.approx(np.sin(np.arctan2(4, 8)), abs=0.13)
     assert above > 0.97
+    # The land behind the stage is not in the trench that ends there.
+    edge, near, far = visibility.at(np.array([(0.0, y_m, 0.0) for y_m in (20.0, 22.0, 90.0)]))
+    assert edge < 0.6
+    assert near == pytest.approx((1 + edge) / 2, abs=0.02)
+    assert far == 1
 
 
 def test_film_darkens_nothing_to_grey_and_keeps_grey_grey() -> None:

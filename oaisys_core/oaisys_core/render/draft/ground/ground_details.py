@@ -80,10 +80,20 @@ def add_contact(
     roughness[seen] += part * (FINES_ROUGHNESS - roughness[seen])
 
 
-def darken_wet(bank_m: tuple[float, float], height_m: FloatArray, color: Floats) -> None:
-    """Darken colours, in place, up to the first height, and less up to the second."""
+def darken_wet(
+    bank_m: tuple[float, float],
+    extent_m: tuple[float, float, float, float],
+    points_m: FloatArray,
+    color: Floats,
+) -> None:
+    """Darken colours at (N, 3) points, in place, up to the first height, and less up to the second.
+
+    The land beyond the stage, ``extent_m``, has no water.
+    """
     low_m, high_m = bank_m
-    share = np.clip((high_m - height_m) / max(high_m - low_m, 1e-3), 0, 1)
+    x0, y0, x1, y1 = extent_m
+    share = np.clip((high_m - points_m[:, 2]) / max(high_m - low_m, 1e-3), 0, 1)
+    share[((points_m[:, :2] < (x0, y0)) | (points_m[:, :2] > (x1, y1))).any(axis=1)] = 0
     color *= (1 - WET_DARKENING * share).astype(np.float32)[:, None]
 
 

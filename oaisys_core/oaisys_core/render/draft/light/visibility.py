@@ -28,6 +28,10 @@ MIN_RISE_M = 0.02
 UNDER = 1e-3
 """Distance below something that moves at which a ray goes on."""
 
+FADE = 0.1
+"""Distance beyond the stage, as a share of its edge, within which the land comes to see all of the
+sky: what shades the last places of the stage does not shade the land behind them."""
+
 LAYERS = 20
 """Things that move above one another, at most."""
 
@@ -61,7 +65,10 @@ class SkyVisibility:
         share, low_m, rise_m = found.T
         risen = points_m[:, 2].astype(np.float32) - low_m
         height = np.clip(risen / np.maximum(rise_m, np.float32(MIN_RISE_M)), 0, 1)
-        return np.asarray(share + (1 - share) * np.where(rise_m > MIN_RISE_M, height, 0))
+        is_free = np.where(rise_m > MIN_RISE_M, height, 0)
+        beyond_m = np.maximum((x0, y0) - points_m[:, :2], points_m[:, :2] - (x1, y1)).max(axis=1)
+        away = np.clip(beyond_m / (FADE * max(x1 - x0, y1 - y0)), 0, 1).astype(np.float32)
+        return np.asarray(share + (1 - share) * np.maximum(is_free, away))
 
     def _places_m(self) -> FloatArray:
         """Return the (N, 2) centres of texels, row by row from min_y."""
