@@ -55,6 +55,10 @@ MAX_CLASSES = 16
 """Largest number of size classes of a group; beyond sizes of 1 to 600, leaves vary more."""
 
 
+WADING_M = {"reed": 1.0, "sedge": 0.3, "willow": 0.2}
+"""Depths of water in which plants stand; others stand on dry ground alone."""
+
+
 class GroundAlignment(NamedTuple):
     """How objects stand, see `GroupConfig`."""
 
@@ -88,6 +92,7 @@ def scatter_group(
     ground: Ground,
     rng: np.random.Generator,
     material: TerrainMaterial | None = None,
+    water_m: float | None = None,
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the poses of up to ``count`` instances of a group, largest first.
 
@@ -96,6 +101,7 @@ def scatter_group(
         ground: What they stand on.
         rng: Seeds the separate streams of positions, sizes and rotations.
         material: Of the ground; None if there is none, nor a density of a layer.
+        water_m: Level of the water, in which few plants stand (`WADING_M`).
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) indices into ``shapes``.
@@ -106,12 +112,19 @@ def scatter_group(
     sizes_m = group_sizes_m(group, count, randomness.child(rng, "sizes"))
     shape_of = _shapes_of(group, sizes_m, len(shapes), randomness.child(rng, "shapes"))
     density = make_density(group.density, ground, rng, material)
+    if water_m is not None and group.shape in PLANTS:
+        density = _out_of_water(density, ground, water_m - WADING_M.get(group.shape, 0.0))
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
     footprints = np.array([footprint_of(shape) for shape in shapes])[shape_of]
     turns = randomness.child(rng, "turns")
     return poses_at(group, ground, xy, sizes_m, footprints, turns), shape_of
+
+
+def _out_of_water(density: Density, ground: Ground, least_m: float) -> Density:
+    """Return a density that is 0 where the ground is lower than a height."""
+    return lambda xy: np.where(ground.height_at(xy) >= least_m, density(xy), 0.0)
 
 
 def size_classes_m(group: GroupConfig) -> FloatArray:

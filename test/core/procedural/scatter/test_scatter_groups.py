@@ -287,3 +287,15 @@ def test_plants_are_not_buried_though_nobody_says_how_they_stand(shape: str) -> 
         height_m = above_m.max(axis=1)
         assert (above_m.min(axis=1) < 0.02).all(), f"rooted at slope {slope}"
         assert np.median(height_m) > 0.6 * upright_m, f"seen at slope {slope}"
+
+
+@pytest.mark.parametrize(("shape", "depth_m"), [("birch", 0.0), ("reed", 1.0), ("pebble", 20.0)])
+def test_plants_stand_in_water_as_deep_as_they_do(
+    shape: str, depth_m: float, shapes: list[MeshPrototype]
+) -> None:
+    config = group(shape=shape, size_m=(0.5, 0.5), spacing=0.0)
+    rng, ground = np.random.default_rng(4), inclined(0.2)
+    T, _ = scatter_group(config, 2000, shapes, ground, rng, water_m=1.0)
+    lowest_m = ground.height_at(T[:, :2, 3]).min()
+    assert len(T) == 2000
+    assert max(1.0 - depth_m, -4.0) <= lowest_m < max(1.0 - depth_m, -4.0) + 0.1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +85,27 @@ class DrawnAssets:
         return {primitive.instance_id for primitive in self.primitives}
 
 
+class Site(NamedTuple):
+    """Where the objects of a batch stand.
+
+    Attributes:
+        material: Of the ground, if objects lie where a layer does; else None.
+        land: Around the stage, if anything stands on it; else None.
+        water_m: Level of the water on the stage; None: there is none.
+    """
+
+    ground: Ground
+    material: TerrainMaterial | None
+    land: FarGround | None
+    water_m: float | None
+    georeference: Georeference | None
+
+    def is_same(self, other: Site) -> bool:
+        """Return whether the other has the identical ground, material and land, and the water."""
+        parts = zip(self[:3], other[:3], strict=True)
+        return self.water_m == other.water_m and all(one is another for one, another in parts)
+
+
 class AssetGenerator:
     """Draws the objects of one batch: rocks, groups, objects and movers."""
 
@@ -92,16 +114,11 @@ class AssetGenerator:
         config: AssetsConfig,
         library: PrototypeLibrary,
         plan: InstanceIdPlan,
-        ground: Ground,
-        material: TerrainMaterial | None,
+        site: Site,
         rng: np.random.Generator,
-        georeference: Georeference | None = None,
-        land: FarGround | None = None,
     ) -> None:
-        self._around = GroundAround(ground, land) if land is not None else None
-        self._config, self._library, self._plan = config, library, plan
-        self._georeference = georeference
-        self._ground, self._material, self._rng = ground, material, rng
+        self._config, self._library, self._plan, self._site = config, library, plan, site
+        self._ground, self._rng = site.ground, rng
         self._prototypes: list[MeshPrototype] = []
         self._placements: list[AssetPlacement] = []
         self._movers: list[Mover] = []
@@ -170,17 +187,19 @@ class AssetGenerator:
         if randomness.child(rng, "presence").uniform() < group.probability:
             drawn = int(randomness.child(rng, "count").integers(*group.count, endpoint=True))
             count = min(round(factor * drawn), MAX_INSTANCES)
+        site = self._site
         T_map_object, shape_of = scatter_group(
-            group, count, shapes, self._ground, rng, self._material
+            group, count, shapes, site.ground, rng, site.material, site.water_m
         )
         ids = block.ids(len(T_map_object))
         self._counts.append(GroupCount(group.name, count, len(ids)))
         self._first[group.name] = len(self._prototypes)
         plants = PlantsOfStage(shapes, len(self._prototypes), T_map_object, shape_of)
         self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids, group)
-        if self._around is None or not goes_beyond(group) or not len(ids):
+        if site.land is None or not goes_beyond(group) or not len(ids):
             return
-        self._place_beyond(group, plants, on_land, self._around, randomness.child(rng, "beyond"))
+        around = GroundAround(site.ground, site.land)
+        self._place_beyond(group, plants, on_land, around, randomness.child(rng, "beyond"))
 
     def _place_beyond(
         self,
@@ -192,7 +211,7 @@ class AssetGenerator:
     ) -> None:
         """Add what a group has on the land around the stage."""
         shapes, placements = plants_beyond(
-            group, plants, ids, around, self._material, rng, len(self._prototypes)
+            group, plants, ids, around, self._site.material, rng, len(self._prototypes)
         )
         self._prototypes.extend(shapes)
         self._placements.extend(
@@ -231,7 +250,7 @@ class AssetGenerator:
         moves = Mover(
             index=len(self._placements),
             trajectory=make_trajectory(
-                mover.trajectory, self._georeference, f"assets.movers.{mover.name}.trajectory"
+                mover.trajectory, self._site.georeference, f"assets.movers.{mover.name}.trajectory"
             ),
             scale=mover.scale,
             foot_m=foot_m,

@@ -22,11 +22,11 @@ from oaisys_core.procedural.scatter.ids import (
 )
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.textures import TEXTURES
-from oaisys_core.scene import Ground, TerrainMaterial
+from oaisys_core.scene import TerrainMaterial
 from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import ObjectPage, ObjectQuery, merge
 from oaisys_core.world.module import Metadata, Module, World, require
-from oaisys_core.world.modules.assets.drawing import AssetGenerator, DrawnAssets
+from oaisys_core.world.modules.assets.drawing import AssetGenerator, DrawnAssets, Site
 from oaisys_core.world.modules.assets.edits import EditedAssets, check_labels
 from oaisys_core.world.modules.assets.metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.world.modules.assets.object_list import (
@@ -162,27 +162,19 @@ class AssetsModule(Module):
         rng: np.random.Generator,
     ) -> DrawnAssets:
         """Draw all objects, or return those of the last batch if they would be the same."""
-        ground, land = require(world.ground), self._land(world)
+        water_m = None if world.water is None else world.water.level_m
+        land, georeference = self._land(world), world.georeference
+        site = Site(require(world.ground), material, land, water_m, georeference)
         before = rng.bit_generator.state
         last = self._last
-        same = last is not None and last.ground is ground and last.material is material
-        same = same and last is not None and last.land is land
+        same = last is not None and last.site.is_same(site)
         if last and same and (last.metadata, last.before) == (metadata, before):
             rng.bit_generator.state = last.after
             return last.things
-        generator = AssetGenerator(
-            self._config,
-            self._library,
-            self._plan,
-            ground,
-            material,
-            rng,
-            world.georeference,
-            land,
-        )
+        generator = AssetGenerator(self._config, self._library, self._plan, site, rng)
         things = generator.draw(metadata)
         after = rng.bit_generator.state
-        self._last = _PreviousDraw(ground, land, material, metadata, before, after, things)
+        self._last = _PreviousDraw(site, metadata, before, after, things)
         return things
 
     def _land(self, world: World) -> FarGround | None:
@@ -246,9 +238,7 @@ class AssetsModule(Module):
 class _PreviousDraw(NamedTuple):
     """The inputs and the result of the last draw, with the generator's state before and after."""
 
-    ground: Ground
-    land: FarGround | None
-    material: TerrainMaterial | None
+    site: Site
     metadata: AssetMetadata
     before: Mapping[str, Any]
     after: Mapping[str, Any]
