@@ -72,6 +72,8 @@ def parse_numbered_csv(
 
 def _check_names(names: Sequence[str]) -> None:
     """Raise if a column has the name of another one."""
-    for index, name in enumerate(names):
-        if name and name in names[:index]:
+    seen: set[str] = set()
+    for name in filter(None, names):
+        if name in seen:
             raise DocumentError(f"the column {name!r} comes twice")
+        seen.add(name)

@@ -16,6 +16,7 @@ from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.config.worlds import WorldSeeds, draw_world
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.procedural.environment.low_sun import LowSunWarning
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.render import make_backend
 from oaisys_core.render.base import Backend
 from oaisys_core.render.view_renderer import FramesPlacement, ViewRenderer, leave_frames
@@ -143,10 +144,10 @@ class BuiltWorld:
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
             raise InvalidInputError("points_m", points.shape, "(N, 3) finite coordinates")
         world = self._current().world
-        ground_m = world.surface.height_at(points[:, :2])
-        far_ground = None if on_stage else world.scene().far_ground
+        ground, far_ground = world.surface, None if on_stage else world.scene().far_ground
         if far_ground is not None:
-            ground_m = np.where(np.isnan(ground_m), far_ground.height_at(points[:, :2]), ground_m)
+            ground = GroundAround(ground, far_ground)
+        ground_m = ground.height_at(points[:, :2])
         surface_m: FloatArray = np.full(len(points), np.nan)
         inside = np.isfinite(ground_m)
         if inside.any():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import MeshPrototype, Placement, Scene, TerrainMaterial, id_of_level
 from oaisys_core.scene.surroundings import LandMasks
-from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh, merge_meshes
 from oaisys_core.verification.numpy_caster import NO_TRIANGLE, NumpyCaster
 from oaisys_core.verification.triangle_groups import TriangleGroups
 
@@ -51,33 +51,21 @@ class ReferenceScene:
 
     def __init__(self, scene: Scene, mesh: TriangleMesh) -> None:
         self.scene = scene
-        self._vertices_m = mesh.vertices_m
-        self._triangles = mesh.triangles
-        self._ids = np.asarray(mesh.instance_ids, np.uint32)
-        for placement in scene.placements:
-            if placement.on_land:
-                self._add_instances(scene.prototypes[placement.prototype], placement)
-        self._stage_triangles = len(self._triangles)
-        if scene.far_ground is not None:
-            vertices_m, triangles = scene.far_ground.vertices_m, scene.far_ground.triangles
-            far = triangles + np.int32(len(self._vertices_m))
-            self._triangles = np.concatenate((self._triangles, far))
-            self._vertices_m = np.concatenate((self._vertices_m, vertices_m))
-            self._ids = np.concatenate((self._ids, np.zeros(len(triangles), np.uint32)))
+        parts = [TriangleMesh(mesh.vertices_m, mesh.triangles, instance_ids=mesh.instance_ids)]
+        parts += [
+            _instances(scene.prototypes[placement.prototype], placement)
+            for placement in scene.placements
+            if placement.on_land
+        ]
+        self._stage_triangles = sum(len(part.triangles) for part in parts)
+        if (land := scene.far_ground) is not None:
+            ids = np.zeros(len(land.triangles), np.uint32)
+            vertices_m = land.vertices_m.astype(np.float64)
+            parts.append(TriangleMesh(vertices_m, land.triangles, instance_ids=ids))
+        whole = merge_meshes(parts)
+        self._vertices_m, self._triangles = whole.vertices_m, whole.triangles
+        self._ids = np.asarray(whole.instance_ids, np.uint32)
         self._groups = TriangleGroups(self._vertices_m, self._triangles, self._ids)
-
-    def _add_instances(self, prototype: MeshPrototype, placement: Placement) -> None:
-        """Add what stands on the land, which is no part of the ground-truth mesh."""
-        poses = placement.T_map_object
-        points_m = prototype.vertices_m.astype(np.float64) @ poses[:, :3, :3].swapaxes(1, 2)
-        points_m += poses[:, None, :3, 3]
-        count = len(prototype.vertices_m)
-        first = len(self._vertices_m) + count * np.arange(len(poses), dtype=np.int32)
-        corners = (first[:, None, None] + prototype.triangles).reshape(-1, 3)
-        ids = np.repeat(placement.instance_ids, len(prototype.triangles))
-        self._vertices_m = np.concatenate((self._vertices_m, points_m.reshape(-1, 3)))
-        self._triangles = np.concatenate((self._triangles, corners.astype(np.int32)))
-        self._ids = np.concatenate((self._ids, ids))
 
     def views(
         self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, windows: Sequence[Window]
@@ -128,6 +116,20 @@ class ReferenceScene:
             labels[seen.is_beyond] = id_of_level(scene.sky.ground_semantic_ids, level)
         labels[~hit] = scene.sky.semantic_ids_at(seen.directions[~hit], level)
         return labels
+
+
+def _instances(prototype: MeshPrototype, placement: Placement) -> TriangleMesh:
+    """Return what stands on the land, which is no part of the ground-truth mesh.
+
+    Not by the function that merges instances for the rays that are judged.
+    """
+    poses = placement.T_map_object
+    points_m = prototype.vertices_m.astype(np.float64) @ poses[:, :3, :3].swapaxes(1, 2)
+    points_m += poses[:, None, :3, 3]
+    first = len(prototype.vertices_m) * np.arange(len(poses), dtype=np.int32)
+    corners = (first[:, None, None] + prototype.triangles).reshape(-1, 3)
+    ids = np.repeat(placement.instance_ids, len(prototype.triangles))
+    return TriangleMesh(points_m.reshape(-1, 3), corners, instance_ids=ids)
 
 
 def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:

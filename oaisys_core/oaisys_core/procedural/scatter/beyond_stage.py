@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from oaisys_core.config.sections.density import LayerDensity, SlopeDensity
 from oaisys_core.config.sections.groups import GroupConfig
@@ -14,8 +13,7 @@ from oaisys_core.procedural.scatter.density import make_density
 from oaisys_core.procedural.scatter.ids import ON_LAND
 from oaisys_core.procedural.scatter.placement import slope_deg
 from oaisys_core.procedural.scatter.shapes import PLANTS
-from oaisys_core.scene import Ground
-from oaisys_core.scene.surroundings import FarGround
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.scene.terrain_material import TerrainMaterial
 from oaisys_core.types import FloatArray
 
@@ -25,9 +23,6 @@ LEAST_M = 1.0
 REACH = 30.0
 """Distance from the stage, in units of a plant's size, at which the last one of its size stands:
 there it is 18 pixels high in a picture of 640 pixels and 60 degrees."""
-
-MOST = ON_LAND
-"""Plants of a group on the land; with more of them, the reach is shorter."""
 
 MAX_TILES = 8
 """Stages beside the stage, along each axis, into which its plants are mirrored."""
@@ -53,37 +48,6 @@ class PlacesBeyond(NamedTuple):
     distance: FloatArray
 
 
-@dataclass(frozen=True)
-class GroundAround:
-    """The surface of a stage and of the land around it, for what stands on the land."""
-
-    stage: Ground
-    land: FarGround
-
-    @property
-    def extent_m(self) -> tuple[float, float, float, float]:
-        """(min_x, min_y, max_x, max_y) of the stage."""
-        return self.stage.extent_m
-
-    @property
-    def spacing_m(self) -> float:
-        """Typical distance between neighbouring vertices of the stage."""
-        return self.stage.spacing_m
-
-    def vertices_m(self) -> NDArray[np.float32]:
-        """Return the (V, 3) vertices of the stage."""
-        return self.stage.vertices_m()
-
-    def triangles(self) -> NDArray[np.int32]:
-        """Return the (T, 3) triangles of the stage."""
-        return self.stage.triangles()
-
-    def height_at(self, xy_m: ArrayLike) -> FloatArray:
-        """Return (N,) heights at (N, 2) points, on the stage or beyond."""
-        on_stage_m = self.stage.height_at(xy_m)
-        return np.where(np.isnan(on_stage_m), self.land.height_at(xy_m), on_stage_m)
-
-
 def goes_beyond(group: GroupConfig) -> bool:
     """Return whether a group's plants also stand on the land around the stage."""
     if group.beyond_stage is None:
@@ -102,15 +66,16 @@ def places_beyond(
     """Return where plants stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
 
     The plants of the stage are mirrored at its edges and shifted a little, so that their number is
-    the same on both sides of an edge. They get fewer with the distance in units of their sizes.
+    the same on both sides of an edge. They get fewer with the distance in units of their sizes, up
+    to `REACH`, or nearer if they would be more than `ON_LAND`.
     Layers and slopes of the land count as those of the stage do.
     """
     x0, y0, x1, y1 = ground.extent_m
     low_m, span_m = np.array((x0, y0)), np.array((x1 - x0, y1 - y0))
     shift_m = JITTER * float(np.sqrt(span_m.prod() / max(len(xy_m), 1)))
     places, likes, distances, turns = [], [], [], []
+    share = (xy_m - low_m) / span_m
     for tile in _tiles(span_m, xy_m, sizes_m):
-        share = (xy_m - low_m) / span_m
         mirrored_m = low_m + (tile + np.where(tile % 2, 1 - share, share)) * span_m
         mirrored_m = mirrored_m + rng.normal(scale=shift_m, size=xy_m.shape)
         beyond_m = np.maximum(np.maximum(low_m - mirrored_m, mirrored_m - low_m - span_m), 0)
@@ -125,14 +90,14 @@ def places_beyond(
     found = PlacesBeyond(np.concatenate(places), np.concatenate(likes), np.concatenate(distances))
     suits = _suits(group, xy_m, found, ground, material, rng)
     first = np.argsort(np.where(suits, np.concatenate(turns), np.inf), kind="stable")
-    chosen = np.sort(first[: min(MOST, int(suits.sum()))])
+    chosen = np.sort(first[: min(ON_LAND, int(suits.sum()))])
     return PlacesBeyond(found.xy_m[chosen], found.like[chosen], found.distance[chosen])
 
 
 def _tiles(span_m: FloatArray, xy_m: FloatArray, sizes_m: FloatArray) -> NDArray[np.int64]:
     """Return (T, 2) columns and rows of the stages beside the stage that may have plants."""
     reach = int(np.clip(np.ceil(REACH * sizes_m.max(initial=0.0) / span_m.min()), 1, MAX_TILES))
-    index = np.arange(-reach, reach + 1) if len(xy_m) <= MOST else np.arange(-1, 2)
+    index = np.arange(-reach, reach + 1) if len(xy_m) <= ON_LAND else np.arange(-1, 2)
     tiles = np.stack(np.meshgrid(index, index), axis=-1).reshape(-1, 2)
     return np.asarray(tiles[tiles.any(axis=1)])
 

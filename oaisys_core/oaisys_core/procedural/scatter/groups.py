@@ -17,6 +17,7 @@ from oaisys_core.procedural.scatter.placement import (
     MAX_BURIED,
     bedding,
     leaning,
+    poses_with_scale,
     power_law_sizes,
     slope_deg,
 )
@@ -275,23 +276,6 @@ def poses_at(
         footprints: (N, 2) heights and radii of their feet at a size of 1 m.
         rng: Draws headings, tilts and depths.
     """
-    rotations, depth_m = _stances(group, ground, xy, sizes_m, footprints, rng)
-    T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
-    T_map_object[:, :3, :3] = rotations * sizes_m[:, None, None]
-    T_map_object[:, :2, 3] = xy
-    T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
-    return T_map_object
-
-
-def _stances(
-    group: GroupConfig,
-    ground: Ground,
-    xy: FloatArray,
-    sizes_m: FloatArray,
-    footprints: FloatArray,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray]:
-    """Return (N, 3, 3) rotations, and (N,) depths of the bases below the ground."""
     from scipy.spatial.transform import Rotation
 
     count = len(xy)
@@ -300,7 +284,7 @@ def _stances(
     tilt_rad = np.radians(stance.tilt_deg) * rng.uniform(-1, 1, (count, 2))
     sink = rng.uniform(*stance.sink, count)
     if not count:
-        return np.zeros((0, 3, 3)), np.zeros(0)
+        return np.zeros((0, 4, 4))
     height_m, foot_m = footprints.T * sizes_m
     slope, hollow_m = bedding(ground, xy, np.maximum(foot_m, ground.spacing_m / 2))
     rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
@@ -310,4 +294,5 @@ def _stances(
     lean += (1 - stance.align) * np.arctan(np.linalg.norm(slope, axis=1))
     depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
     # The whole base must be below the ground, unless it is level with the ground.
-    return rotation.as_matrix(), np.minimum(depth_m, MAX_BURIED * height_m)
+    depth_m = np.minimum(depth_m, MAX_BURIED * height_m)
+    return poses_with_scale(rotation, sizes_m, xy, ground.height_at(xy) - depth_m)

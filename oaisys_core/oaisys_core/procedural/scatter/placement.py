@@ -197,16 +197,24 @@ def _poses(
     depth_m = sizes_m * (
         height_share * rng.uniform(*sink, count) + 0.3 * np.linalg.norm(tilt_rad, axis=1)
     )
-    T_map_object = np.tile(np.eye(4), (count, 1, 1))
-    if count:
-        slope, hollow_m = bedding(ground, xy, sizes_m / 2)
-        yaw_rad = _along_slope(yaw_rad, slope)
-        rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
-        rotation = leaning(slope) * rotation
-        T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
-        T_map_object[:, :2, 3] = xy
-        depth_m = np.minimum(depth_m + hollow_m, MAX_BURIED * height_share * sizes_m)
-        T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
+    if not count:
+        return np.zeros((0, 4, 4))
+    slope, hollow_m = bedding(ground, xy, sizes_m / 2)
+    yaw_rad = _along_slope(yaw_rad, slope)
+    rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+    rotation = leaning(slope) * rotation
+    depth_m = np.minimum(depth_m + hollow_m, MAX_BURIED * height_share * sizes_m)
+    return poses_with_scale(rotation, sizes_m, xy, ground.height_at(xy) - depth_m)
+
+
+def poses_with_scale(
+    rotation: Rotation, sizes_m: FloatArray, xy: FloatArray, base_m: FloatArray
+) -> FloatArray:
+    """Return (N, 4, 4) rotations times (N,) sizes, at (N, 2) places and (N,) heights."""
+    T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
+    T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
+    T_map_object[:, :2, 3] = xy
+    T_map_object[:, 2, 3] = base_m
     return T_map_object
 
 

@@ -7,13 +7,13 @@ import pytest
 
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.scatter.beyond_stage import (
-    MOST,
     REACH,
-    GroundAround,
     PlacesBeyond,
     goes_beyond,
     places_beyond,
 )
+from oaisys_core.procedural.scatter.ids import ON_LAND
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray
@@ -58,7 +58,7 @@ def area_m2(low_m: float, high_m: float) -> float:
 def test_numbers_go_on_at_the_edge_and_fall_off_evenly() -> None:
     size_m = 0.5
     places = found(20_000, size_m, spacing=0.0)
-    assert len(places.xy_m) == MOST, "fewer than stand within the whole reach"
+    assert len(places.xy_m) == ON_LAND, "fewer than stand within the whole reach"
 
     far = found(600, size_m)
     away_m, reach_m = from_edge_m(far.xy_m), REACH * size_m

@@ -12,6 +12,7 @@ from oaisys_core.procedural.terrain.surroundings.horizon import HorizonView, ran
 from oaisys_core.procedural.terrain.surroundings.land_detail import LandReliefPattern
 from oaisys_core.raycast.far_ground import far_triangles
 from oaisys_core.scene import Ground
+from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray
 
 
@@ -62,3 +63,34 @@ class FarGroundMesh:
     def _horizon_rad(self) -> FloatArray:
         vertices_m = self.vertices_m.astype(np.float64)
         return HorizonView(self.stage, vertices_m[:, :2]).elevations_rad(vertices_m[:, 2])
+
+
+@dataclass(frozen=True)
+class GroundAround:
+    """The surface of a stage and of the land around it, as one."""
+
+    stage: Ground
+    land: FarGround
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """(min_x, min_y, max_x, max_y) of the stage."""
+        return self.stage.extent_m
+
+    @property
+    def spacing_m(self) -> float:
+        """Typical distance between neighbouring vertices of the stage."""
+        return self.stage.spacing_m
+
+    def vertices_m(self) -> NDArray[np.float32]:
+        """Return the (V, 3) vertices of the stage."""
+        return self.stage.vertices_m()
+
+    def triangles(self) -> NDArray[np.int32]:
+        """Return the (T, 3) triangles of the stage."""
+        return self.stage.triangles()
+
+    def height_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N,) heights at (N, 2) points, on the stage or beyond."""
+        on_stage_m = self.stage.height_at(xy_m)
+        return np.where(np.isnan(on_stage_m), self.land.height_at(xy_m), on_stage_m)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.meshes.thinning import thin_out
-from oaisys_core.procedural.scatter.beyond_stage import GroundAround, places_beyond
+from oaisys_core.procedural.scatter.beyond_stage import places_beyond
 from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.groups import poses_at
 from oaisys_core.procedural.scatter.ids import IdBlock
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.scene import MeshPrototype, Placement, TerrainMaterial
 from oaisys_core.types import FloatArray
 

@@ -14,7 +14,7 @@ from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig
 from oaisys_core.config.sections.groups import MAX_INSTANCES, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.scatter.beyond_stage import GroundAround, goes_beyond
+from oaisys_core.procedural.scatter.beyond_stage import goes_beyond
 from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.groups import scatter_group
 from oaisys_core.procedural.scatter.ids import (
@@ -24,6 +24,7 @@ from oaisys_core.procedural.scatter.ids import (
     InstanceIdPlan,
 )
 from oaisys_core.procedural.scatter.trajectories import make_trajectory
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.scene import (
     Ground,
     MeshPrototype,

@@ -167,8 +167,7 @@ class AssetsModule(Module):
         site = Site(require(world.ground), material, land, water_m, georeference)
         before = rng.bit_generator.state
         last = self._last
-        same = last is not None and last.site.is_same(site)
-        if last and same and (last.metadata, last.before) == (metadata, before):
+        if last and last.site.is_same(site) and (last.metadata, last.before) == (metadata, before):
             rng.bit_generator.state = last.after
             return last.things
         generator = AssetGenerator(self._config, self._library, self._plan, site, rng)
