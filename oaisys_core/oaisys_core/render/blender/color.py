@@ -6,7 +6,7 @@ import time
 from collections.abc import Collection
 from concurrent.futures import Future
 from dataclasses import replace
-from math import inf
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ from oaisys_core.render.blender.cycles import Cycles, albedo_of
 from oaisys_core.render.blender.ground_check import GroundCheck, GroundPlaces
 from oaisys_core.render.blender.materials.footprint import set_pixel_angle
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.narrow_patches import Patches
 from oaisys_core.render.blender.objects.sky import Lights
 from oaisys_core.render.blender.time_budget import (
     DenoisingQuality,
@@ -128,9 +129,9 @@ class ColorRenderer:
         albedo = ground.result() if ground is not None and rendered is pinhole else None
         is_balanced = settings.white_balance == "illuminant"
         gains = white_gains(scene.sky, scene.lamps) if is_balanced else None
-        patch_m = scene.material.patch_m if camera.is_sharp else inf
+        patches = _patches(scene, camera, rendered)
         picture = self._cycles.denoise_and_tonemap(
-            light, settings, denoising, albedo, gains, patch_m
+            light, settings, denoising, albedo, gains, patches
         )
         self._learn(rendered, light, started_s, denoising, geometry)
         images: dict[str, NDArray[np.generic]] = {}
@@ -217,6 +218,14 @@ class ColorRenderer:
                     beside_s=geometry.cost_s(sampling_s) if geometry is not None else 0.0,
                 )
             )
+
+
+def _patches(scene: Scene, camera: PlacedCamera, pinhole: PinholeIntrinsics) -> Patches | None:
+    """Return the ground's patches as sharp pictures have them; None for others, and one patch."""
+    width_m = scene.material.patch_m
+    if not (camera.is_sharp and isfinite(width_m)):
+        return None
+    return Patches(width_m, 1 / max(pinhole.fx_px, pinhole.fy_px))
 
 
 def _pixels(pinhole: PinholeIntrinsics) -> int:

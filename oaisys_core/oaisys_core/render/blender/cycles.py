@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 from typing import Any
 
 import bpy
@@ -16,6 +15,7 @@ from oaisys_core.render.blender.compat import DIFFUSE_COLOR
 from oaisys_core.render.blender.cycles_render import render_scene
 from oaisys_core.render.blender.devices import use_device
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
+from oaisys_core.render.blender.materials.ground.narrow_patches import Patches
 from oaisys_core.render.blender.materials.mesh_materials import CUT_OUT_LAYERS, has_cut_outs
 from oaisys_core.render.blender.postprocessing import (
     BACKGROUND_M,
@@ -119,7 +119,7 @@ class Cycles:
         denoising: DenoisingQuality,
         ground: PixelAlbedo | None = None,
         gains: Color | None = None,
-        patch_m: float = inf,
+        patches: Patches | None = None,
     ) -> ExposedImage:
         """Return the picture of what `render_radiance` gave with the same settings.
 
@@ -129,12 +129,12 @@ class Cycles:
             denoising: See `Denoiser.denoise`.
             ground: Albedo without noise, where it is known.
             gains: Factors on red, green and blue for the white balance.
-            patch_m: Width of the ground's patches, see `share_albedo`.
+            patches: The ground's, see `share_albedo`.
 
         Raises:
             RenderError: The passes are missing, or denoising failed.
         """
-        radiance = denoise_image(rendered, settings, self._denoiser(), denoising, ground, patch_m)
+        radiance = denoise_image(rendered, settings, self._denoiser(), denoising, ground, patches)
         shown = radiance if gains is None else radiance[..., :3] * np.array(gains, np.float32)
         is_surface = pass_of(rendered, DEPTH)[..., 0] < BACKGROUND_M
         picture = picture_of(shown, is_surface, settings)._replace(radiance=radiance[..., :3])

@@ -17,7 +17,6 @@ Rendering, 3rd edition, 7.8): Cycles samples with a narrow filter, and the rest 
 from __future__ import annotations
 
 from functools import cache
-from math import inf, isfinite
 
 import cv2
 import numpy as np
@@ -31,7 +30,11 @@ from oaisys_core.private.open_image_denoise import (
 )
 from oaisys_core.render.blender.compat import DIFFUSE_COLOR, GLOSSY_COLOR, MATERIAL_INDEX
 from oaisys_core.render.blender.materials.ground.albedo import PixelAlbedo
-from oaisys_core.render.blender.materials.ground.narrow_patches import MOST_SAMPLES, share_albedo
+from oaisys_core.render.blender.materials.ground.narrow_patches import (
+    MOST_SAMPLES,
+    Patches,
+    share_albedo,
+)
 from oaisys_core.render.blender.materials.surfaces import BY_CHANCE, GROUND
 from oaisys_core.render.blender.time_budget import DenoisingQuality
 from oaisys_core.render.render_result import Image, RenderResult, pass_of
@@ -99,7 +102,7 @@ def denoise_image(
     denoiser: Denoiser | None,
     denoising: DenoisingQuality,
     ground: PixelAlbedo | None = None,
-    patch_m: float = inf,
+    patches: Patches | None = None,
 ) -> Image:
     """Return the (H, W, 3 or 4) radiance of a render, denoised if the settings say so.
 
@@ -109,7 +112,7 @@ def denoise_image(
         denoiser: None if Cycles has denoised it.
         denoising: See `Denoiser.denoise`.
         ground: Albedo without noise, where it is known; the samples' own is used elsewhere.
-        patch_m: Width of the ground's patches; infinite if neighbours shall not share albedo.
+        patches: The ground's; None if neighbours shall not share albedo.
     """
     radiance = pass_of(rendered, COMBINED)
     if not settings.denoise:
@@ -124,8 +127,8 @@ def denoise_image(
             is_clean = _is_confirmed(ground, seen)[..., None]
             divisor = np.where(is_clean, seen + MIN_ALBEDO, divisor)
             albedo = np.where(is_clean, ground.linear + MIN_ALBEDO, albedo)
-        if isfinite(patch_m) and samples <= MOST_SAMPLES:
-            shared, share = _shared(rendered, seen, patch_m, samples)
+        if patches is not None and samples <= MOST_SAMPLES:
+            shared, share = _shared(rendered, seen, patches, samples)
             divisor = divisor + share * (seen + MIN_ALBEDO - divisor)
             albedo = albedo + share * (shared + MIN_ALBEDO - albedo)
         radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
@@ -133,13 +136,13 @@ def denoise_image(
 
 
 def _shared(
-    rendered: RenderResult, seen: Image, patch_m: float, samples: int
+    rendered: RenderResult, seen: Image, patches: Patches, samples: int
 ) -> tuple[Image, Image]:
     """Return `share_albedo` of ground that is no mirror."""
     is_ground = pass_of(rendered, MATERIAL_INDEX)[..., 0] == GROUND
     is_dull = _sum_of_channels(pass_of(rendered, GLOSSY_COLOR)) <= 3 * MIRROR_SHARE
     depth_m = pass_of(rendered, DEPTH)[..., 0]
-    return share_albedo(seen, depth_m, is_ground & is_dull, patch_m, samples)
+    return share_albedo(seen, depth_m, is_ground & is_dull, patches, samples)
 
 
 def _guides(

@@ -3,10 +3,13 @@
 Seen at a slant, the next row of pixels may be tens of metres farther away than the one before it.
 Where patches of the ground's layers are narrower, few samples per pixel see one layer or another by
 chance, which no denoiser removes, as it is given light without albedo. Nor do mip maps of the
-masks: they are as blurred across the line of sight as along it. So neighbours share samples there.
+masks: they are as blurred across the line of sight as along it. So neighbours share samples there,
+and where a pixel is nearly as wide as a patch, as in small pictures.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,6 +24,9 @@ many samples without."""
 SPANNED = 0.5, 1.5
 """Patches from one row to the next from which on albedo is shared, and at which it is in full."""
 
+WIDE = 0.25, 0.75
+"""The same for the width of a pixel: it has patches on all its sides."""
+
 SHARED, SHARED_OF_MORE = 0.7, 0.5
 """How much a pixel takes of what its neighbours have seen, with a single sample per pixel, and with
 more, which have less noise."""
@@ -29,8 +35,20 @@ ACROSS, ALONG = np.full(5, 0.2, np.float32), np.array([0.2, 0.6, 0.2], np.float3
 """Weights of neighbours at about the same distance, and of those nearer and farther."""
 
 
+class Patches(NamedTuple):
+    """How large the ground's patches are, compared with pixels.
+
+    Attributes:
+        width_m: Width of a patch of one layer.
+        pixel_rad: Angle of a pixel.
+    """
+
+    width_m: float
+    pixel_rad: float
+
+
 def share_albedo(
-    albedo: Image, depth_m: Image, is_ground: NDArray[np.bool_], patch_m: float, samples: int
+    albedo: Image, depth_m: Image, is_ground: NDArray[np.bool_], patches: Patches, samples: int
 ) -> tuple[Image, Image]:
     """Return albedo that neighbours share where patches are narrow, and how far they do.
 
@@ -38,7 +56,7 @@ def share_albedo(
         albedo: (H, W, 3) that few samples have seen.
         depth_m: (H, W) distances, along z or along rays.
         is_ground: (H, W) pixels that show ground.
-        patch_m: Width of a patch of one layer.
+        patches: How large they are.
         samples: Samples per pixel that have seen it.
 
     Returns:
@@ -46,8 +64,10 @@ def share_albedo(
     """
     most = np.zeros((*depth_m.shape, 1), np.float32)
     in_full = np.float32(SHARED if samples <= 1 else SHARED_OF_MORE)
+    wide = _between(WIDE, depth_m * np.float32(patches.pixel_rad / patches.width_m))
     for axis in (0, 1):
-        share = np.where(is_ground, _spanned(depth_m, patch_m, axis), np.float32(0))
+        spanned = np.maximum(wide, _spanned(depth_m, patches.width_m, axis))
+        share = np.where(is_ground, spanned, np.float32(0))
         if share.any():
             mean = _mean_beside(albedo, share > 0, axis)
             albedo = albedo + in_full * share[..., None] * (mean - albedo)
@@ -55,7 +75,7 @@ def share_albedo(
     return albedo, most
 
 
-def _spanned(depth_m: Image, patch_m: float, axis: int) -> Image:
+def _spanned(depth_m: Image, width_m: float, axis: int) -> Image:
     """Return (H, W) from 0 to 1 by the patches that a pixel spans along rows or columns.
 
     The smaller of the steps to both sides counts, so that edges of things are none.
@@ -64,9 +84,13 @@ def _spanned(depth_m: Image, patch_m: float, axis: int) -> Image:
     last = np.full_like(depth_m.take([0], axis), np.inf)
     before = np.concatenate((last, step), axis=axis)
     after = np.concatenate((step, last), axis=axis)
-    low, high = (patch_m * each for each in SPANNED)
-    spanned = (np.minimum(before, after) - low) / (high - low)
-    return np.asarray(np.clip(spanned, 0, 1), np.float32)
+    return _between(SPANNED, np.minimum(before, after) / np.float32(width_m))
+
+
+def _between(bounds: tuple[float, float], values: Image) -> Image:
+    """Return where values are between two bounds, from 0 to 1."""
+    low, high = bounds
+    return np.asarray(np.clip((values - low) / (high - low), 0, 1), np.float32)
 
 
 def _mean_beside(albedo: Image, counts: NDArray[np.bool_], axis: int) -> Image:
