@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.output.records import intrinsics_record
 from oaisys_dataset import Dataset, open_dataset
 from oaisys_dataset.check import CheckReport, check_dataset
+from oaisys_dataset.check.view_truth import normal_faults
 from oaisys_dataset.cli.dataset import dataset_app
 from oaisys_dataset.manifest import FrameRecord, LegendInstance, WorldFailure
 from oaisys_dataset.places import open_place
@@ -66,6 +68,17 @@ def test_what_was_rendered_passes(rendered: Path) -> None:
     assert report.points > 3 * 300
     assert {each.modality for each in report.audited} == {"depth", "semantic_0", "instance"}
     assert all(each.pixels > 700 for each in report.audited)
+
+
+def test_normals_under_a_sky_pass_without_warnings(rendered: Path) -> None:
+    dataset = open_dataset(rendered)
+    sample = dataset.sample(next(iter(dataset.of_world(0))))
+    depth_m, normals = sample.arrays["depth"].copy(), sample.arrays["normal"].copy()
+    depth_m[: len(depth_m) // 2], normals[: len(normals) // 2] = np.inf, 0
+    below = replace(sample, arrays={**sample.arrays, "depth": depth_m, "normal": normals})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert list(normal_faults(below)) == []
 
 
 @pytest.mark.long

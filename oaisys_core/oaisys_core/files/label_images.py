@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import ImageUse, read_pixels
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,24 @@ class LabelPixels:
         if number is None:
             return np.zeros(self.values.shape, bool)
         return np.asarray(self.values == number)
+
+    def check_values(self, values: Collection[str], path: Path, field: str) -> None:
+        """Raise if no pixel has any of a mapping's values; warn of grey ones that colours lack.
+
+        Files with a palette are colours, whose numbers some sets of labels mean by their values.
+
+        Raises:
+            InvalidInputError: No pixel has one of the values.
+        """
+        missing = [value for value in values if not self.where(value).any()]
+        if len(missing) == len(values):
+            expected = f"an image with values of the mapping; it has {self.first_values()}"
+            raise InvalidInputError(field, str(path), expected)
+        if self.is_color and (grey := [value for value in missing if not value.startswith("#")]):
+            _LOG.warning(
+                "%s: no pixel has the grey value %s of %s; colours count, of a palette too: %s",
+                path, ", ".join(grey), field, self.first_values(),
+            )  # fmt: skip
 
     def first_values(self) -> str:
         """Return the least eight values of the image, as a mapping names them."""

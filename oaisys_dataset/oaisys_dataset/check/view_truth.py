@@ -52,7 +52,8 @@ def normal_faults(sample: DatasetSample) -> Iterator[Finding]:
         yield Finding("surface", name, text)
     if depth_m is None or not sample.record.camera.is_rectilinear:
         return
-    off_deg = _off_planes_deg(normals, rays * depth_m[..., None])
+    of_surface_m = np.where(np.isfinite(depth_m), depth_m, np.nan)
+    off_deg = _off_planes_deg(normals, rays * of_surface_m[..., None])
     if len(off_deg) >= MIN_JUDGED and np.median(off_deg) > NEIGHBOURS_DEG:
         text = f"they are {np.median(off_deg):.0f}° off the surface that its depth shows"
         yield Finding("surface", name, text)

@@ -10,9 +10,10 @@ from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
-    finite,
+    focal_and_centre,
     image_size,
     lens,
+    unknown_model,
 )
 from oaisys_core.files.documents import MAX_DEPTH
 
@@ -88,8 +89,10 @@ def _camera(storage: Any, suffix: str) -> CalibratedCamera | None:
     matrix = _matrix(storage, MATRIX, suffix)
     if matrix is None:
         return None
+    if not storage.getNode(f"xi{suffix}").empty():
+        raise unknown_model("cv::omnidir", f"{FIELD}.xi{suffix}")
     where = f"{FIELD}.camera_matrix{suffix}"
-    K = finite(matrix, where, 9)
+    focal_px, centre_px = focal_and_centre(matrix, where)
     coefficients = _matrix(storage, COEFFICIENTS, suffix) or []
     distortion, fisheye = lens(
         coefficients,
@@ -99,8 +102,8 @@ def _camera(storage: Any, suffix: str) -> CalibratedCamera | None:
     return CalibratedCamera(
         name=f"camera{suffix}",
         size_px=_size(storage),
-        focal_px=(K[0], K[4]),
-        centre_px=(K[2], K[5]),
+        focal_px=focal_px,
+        centre_px=centre_px,
         distortion=distortion,
         fisheye=fisheye,
     )

@@ -170,6 +170,18 @@ def finite(values: Any, where: str, count: int | None = None) -> list[float]:
     return numbers
 
 
+def focal_and_centre(values: Any, where: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return (fx, fy) and (cx, cy) of the nine values of a camera matrix, row by row.
+
+    Raises:
+        InvalidInputError: They are others, or have skew or a scale, which our cameras lack.
+    """
+    K = finite(values, where, 9)
+    if K[1] or K[3] or K[6] or K[7] or K[8] != 1:
+        raise InvalidInputError(where, K, "fx, 0, cx, 0, fy, cy, 0, 0, 1")
+    return (K[0], K[4]), (K[2], K[5])
+
+
 def image_size(width: Any, height: Any, where: str) -> tuple[int, int]:
     """Return a size in pixels, which the file gives as whole numbers."""
     numbers = finite((width, height), where, 2)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
-    finite,
+    focal_and_centre,
     frame_name,
     image_size,
     lens,
@@ -40,8 +39,7 @@ def read_camera_info(data: Mapping[str, Any]) -> Calibration:
         _numbers(data, keys)
         for keys in (("camera_matrix", "k", "K"), ("distortion_coefficients", "d", "D"))
     )
-    K = finite(matrix, f"{FIELD}.camera_matrix", 9)
-    _check_matrix(K)
+    focal_px, centre_px = focal_and_centre(matrix, f"{FIELD}.camera_matrix")
     model = str(data["distortion_model"])
     if model not in (*FISHEYE, *PLUMB_BOB):
         raise unknown_model(model, f"{FIELD}.distortion_model")
@@ -51,17 +49,12 @@ def read_camera_info(data: Mapping[str, Any]) -> Calibration:
     camera = CalibratedCamera(
         name=frame_name(name, "camera"),
         size_px=image_size(width, height, f"{FIELD}.{size_keys[0]}"),
-        focal_px=(K[0], K[4]),
-        centre_px=(K[2], K[5]),
+        focal_px=focal_px,
+        centre_px=centre_px,
         distortion=distortion,
         fisheye=fisheye,
     )
     return Calibration("ROS camera_info", (camera,), notes=tuple(_notes(data)))
-
-
-def _check_matrix(K: list[float]) -> None:
-    if K[1] or K[3] or K[6] or K[7] or K[8] != 1:
-        raise InvalidInputError(f"{FIELD}.camera_matrix", K, "fx, 0, cx, 0, fy, cy, 0, 0, 1")
 
 
 def _numbers(data: Mapping[str, Any], keys: tuple[str, ...]) -> Any:

@@ -153,6 +153,7 @@ def _label_maps(
     for source in sources:
         pixels = read_label_pixels(source.image, SKY_LABELS)
         _check_layout(source.image, pixels.values)
+        pixels.check_values(source.mapping, source.image, SKY_LABELS.field)
         wanted = {value: each.semantic_ids for value, each in source.mapping.items()}
         reach = max(len(ids) for ids in wanted.values())
         for step in range(reach):

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import LABEL_IMAGE
 from oaisys_core.files.label_images import read_label_pixels
 from oaisys_core.scene.terrain_material import LabelImage
@@ -28,19 +27,15 @@ def load_label_image(
         InvalidInputError: The image cannot be read, or contains none of the values.
     """
     pixels = read_label_pixels(path, LABEL_IMAGE)
+    pixels.check_values(mapping, path, LABEL_IMAGE.field)
     levels = max(len(others), *(len(ids) for ids in mapping.values()))
     ids = np.zeros((levels, *pixels.values.shape), np.uint16)
     for level, semantic_id in enumerate(others):
         ids[level] = semantic_id
-    found = False
     for value, semantic_ids in mapping.items():
         here = pixels.where(value)
-        found = found or bool(here.any())
         for level, semantic_id in enumerate(semantic_ids):
             ids[level][here] = semantic_id
-    if not found:
-        expected = f"an image with values of the mapping; it has {pixels.first_values()}"
-        raise InvalidInputError("labels_from", str(path), expected)
     return LabelImage(ids)
 
 

@@ -183,6 +183,47 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, fisheye: bool) -> None:
     check(file, coefficients, fisheye)
 
 
+MATRICES = {
+    "skew": (0, 1, 25.0),
+    "columns by rows": None,
+    "a scale": (2, 2, 2.0),
+    "perspective": (2, 0, 1e-3),
+}
+
+
+@pytest.mark.parametrize("what", MATRICES)
+@pytest.mark.parametrize("name", ["camera_matrix", "M1"])
+def test_a_matrix_that_is_none_of_a_pinhole_is_refused(
+    tmp_path: Path, what: str, name: str
+) -> None:
+    matrix, change = K.astype(float), MATRICES[what]
+    if change is None:
+        matrix = np.ascontiguousarray(matrix.T)
+    else:
+        matrix[change[:2]] = change[2]
+    file = tmp_path / "calibration.yml"
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_size", np.array(SIZE, float))
+    storage.write(name, matrix)
+    storage.release()
+    with pytest.raises(InvalidInputError, match="fx, 0, cx, 0, fy, cy, 0, 0, 1"):
+        read_calibration(file)
+
+
+def test_the_mirror_model_of_opencv_is_refused(tmp_path: Path) -> None:
+    """``cv::omnidir`` writes the same names, and xi, without which the others mean nothing."""
+    file = tmp_path / "omnidir.yml"
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", SIZE[0])
+    storage.write("image_height", SIZE[1])
+    storage.write("camera_matrix", K)
+    storage.write("distortion_coefficients", np.array([RADTAN]))
+    storage.write("xi", np.array([[1.2]]))
+    storage.release()
+    with pytest.raises(InvalidInputError, match=r"calibration\.xi.*omnidir"):
+        read_calibration(file)
+
+
 def test_a_file_without_a_size_needs_it_beside(tmp_path: Path) -> None:
     file = tmp_path / "intrinsics.yml"
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)

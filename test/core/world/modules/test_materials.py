@@ -1,5 +1,6 @@
 """The materials module: pools, metadata, changed textures, label images, displacement."""
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import MaterialsConfig
@@ -184,6 +186,25 @@ def test_a_label_image_is_mapped_by_its_pixels(tmp_path: Path) -> None:
         load_label_image(path, {"#ffffff": (6,)}, (1,))
     with pytest.raises(InvalidInputError, match="that can be read"):
         load_label_image(tmp_path / "none.png", {"0": (6,)}, (1,))
+
+
+def test_numbers_of_a_palette_are_no_grey_values(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Sets of segmentation have palettes, whose colours count; a mapping by number is warned of."""
+    image = Image.fromarray(np.arange(3, dtype=np.uint8).repeat(12).reshape(6, 6), "P")
+    image.putpalette([0, 0, 0, 128, 0, 0, 0, 128, 0])
+    path = tmp_path / "palette.png"
+    image.save(path)
+    with caplog.at_level(logging.WARNING):
+        load_label_image(path, {"0": (7,), "1": (8,), "2": (9,)}, (1,))
+    (record,) = caplog.records
+    assert "palette.png: no pixel has the grey value 1, 2 of labels_from" in record.message
+    assert "#000000, #008000, #800000" in record.message
+    caplog.clear()
+    found = load_label_image(path, {"0": (7,), "#800000": (8,), "#008000": (9,)}, (1,))
+    assert not caplog.records
+    assert sorted(np.unique(found.semantic_ids)) == [7, 8, 9]
 
 
 def maps(color: tuple[int, int, int], height: np.ndarray, tile_m: float = 2.0) -> PbrMaps:

@@ -232,7 +232,7 @@ def _from_dataset(
     if values is None:
         values = _band_values(file, chosen, window)
     is_placed = not file.transform.is_identity
-    transform, system = file.transform if is_placed else None, file.crs
+    transform, system = _transform_of(file) if is_placed else None, file.crs
     points, of_points = file.gcps
     if points and not is_placed:
         values, transform = _by_control_points(values, points, of_points, path, field)
@@ -246,6 +246,16 @@ def _from_dataset(
         transform=transform,
         reference=system.to_wkt(version="WKT2_2019") if system else None,
     )
+
+
+def _transform_of(file: Any) -> Affine:
+    """Return the transform from the columns and rows that GDAL delivers to x and y."""
+    from affine import Affine
+
+    found: Affine = file.transform
+    if file.driver == "Terragen":  # the file begins in the south, GDAL delivers the north first
+        return Affine(found.a, found.b, found.c, found.d, -abs(found.e), found.f)
+    return found
 
 
 def _band_values(file: Any, chosen: int, window: Window | None) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -310,6 +311,23 @@ def test_formats_that_are_one_file(tmp_path: Path, driver: str) -> None:
     found = read(path, **keys)
     assert found.ground.spacing_m == pytest.approx(10, rel=5e-4)
     assert np.allclose(stored(found), heights(), atol=0.02)
+
+
+def test_a_terrain_of_terragen_begins_in_the_south(tmp_path: Path) -> None:
+    """Terragen's format: rows from the south on; an altitude is base + value * scale / 65536."""
+    stored_rows = np.array([[2, 2, 2], [1, 1, 1], [0, 0, 0]], "<i2") * 4096
+    chunks = [b"SIZE", struct.pack("<hh", 2, 0), b"XPTS", struct.pack("<hh", 3, 0)]
+    chunks += [b"YPTS", struct.pack("<hh", 3, 0), b"SCAL", struct.pack("<3f", 30, 30, 30)]
+    chunks += [b"ALTW", struct.pack("<hh", 16, 0), stored_rows.tobytes(), b"EOF "]
+    path = tmp_path / "a.ter"
+    path.write_bytes(b"TERRAGENTERRAIN " + b"".join(chunks))
+    south_first_m = read(path).ground.elevation_m
+    assert np.ptp(south_first_m, axis=1).max() < 1e-3
+    steps_m = (
+        south_first_m[0, 0] - south_first_m[-1, 0],
+        south_first_m[0, 0] - south_first_m[1, 0],
+    )
+    assert steps_m == pytest.approx((60, 30), abs=0.01)
 
 
 @pytest.mark.parametrize("name", ["N46E009.hgt", "s05w070.HGT"])
