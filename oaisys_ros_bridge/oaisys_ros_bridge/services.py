@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import Any
@@ -85,12 +86,11 @@ class RequestQueue:
             request = taken.pop()
 
             def answer() -> None:
-                answered = response
                 if self._ended:
                     refuse(response, self._ended)
+                    send(response)
                 else:
-                    answered = callback(request, response)
-                send(answered)
+                    send(self._answer_of(callback, kind, name, request, response, refuse))
 
             if reason := self.submit(answer):
                 refuse(response, reason)
@@ -103,6 +103,25 @@ class RequestQueue:
         )
         if not send_later(service, take):
             service.callback = callback
+
+    def _answer_of(
+        self,
+        callback: Callback,
+        kind: Any,
+        name: str,
+        request: Any,
+        response: Any,
+        refuse: Refusal,
+    ) -> Any:
+        """Return the answer to a request; one that fails must not end what others use."""
+        try:
+            return callback(request, response)
+        except Exception as error:  # noqa: BLE001 - whatever it is, it is said, and in the log
+            fault = f"{type(error).__name__}: {error}"
+            self._node.get_logger().error(f"{name}: {fault}\n{traceback.format_exc()}")
+            refused = kind.Response()
+            refuse(refused, f"a fault of {self._node.get_name()}, see its log: {fault}")
+            return refused
 
     def submit(self, work: Callable[[], object]) -> str:
         """Do work in turn with the requests; return why not, or nothing."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import (
     DEPTH,
@@ -132,8 +132,12 @@ class LiveSession:
         if self._info.rig_pose is None:
             raise OaisysError("the simulator does not say where its rig is; expected a newer one")
         T_map_camera = pose_to_matrix(self._info.rig_pose) @ self._sensor.T_base_camera
-        self._T_map_camera = first_view(T_map_camera, self._ground_heights_m)
-        self._render(self._T_map_camera, MOVING_QUALITY)
+        extent_m = self._info.stage_extent_m
+        first = first_view(T_map_camera, self._ground_heights_m, extent_m)
+        try:
+            self._render(first, MOVING_QUALITY)
+        except InvalidInputError:  # something stands there
+            self._render(T_map_camera, MOVING_QUALITY)
         self._page.show_pose(self._T_map_camera)
 
     def _follow_driver(self) -> None:

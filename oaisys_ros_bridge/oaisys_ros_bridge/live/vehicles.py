@@ -26,6 +26,9 @@ MAX_SLOPE_DEG = 35.0
 FIRST_EYE_M = np.array((-9.0, -6.0, 3.0))
 """Where a visitor looks from first: east, north, and above the ground."""
 
+INSIDE = 0.9
+"""Share of the stage that this place lies in."""
+
 MAX_PITCH_RAD = float(np.radians(80.0))
 
 GroundHeights = Callable[[FloatArray], FloatArray]
@@ -103,16 +106,29 @@ class Rover:
         return middle_m, float(np.arctan2(left_m - right_m, TRACK_M))
 
 
-def first_view(T_map_camera: FloatArray, heights_m: GroundHeights) -> FloatArray:
+def first_view(
+    T_map_camera: FloatArray,
+    heights_m: GroundHeights,
+    extent_m: tuple[float, float, float, float] | None,
+) -> FloatArray:
     """Return the (4, 4) pose that a visitor looks from first.
 
     It is the rig's start pose, unless that looks straight down, in which one can hardly find one's
-    way: then the view is from `FIRST_EYE_M` beside the place below it, where there is ground.
+    way: then the view is from `FIRST_EYE_M` beside the place below it, or less on a small stage.
+
+    Args:
+        T_map_camera: (4, 4) the start pose.
+        heights_m: Heights of the ground.
+        extent_m: (min_x, min_y, max_x, max_y) of the stage; None if it is not known.
     """
     place_m, forward = T_map_camera[:3, 3], T_map_camera[:3, 2]
     if forward[2] > -np.sin(MAX_PITCH_RAD):
         return T_map_camera
     eye_m = place_m + FIRST_EYE_M
+    if extent_m is not None:
+        corners_m = np.reshape(extent_m, (2, 2))
+        centre_m = corners_m.mean(axis=0)
+        eye_m[:2] = np.clip(eye_m[:2], *(centre_m + INSIDE * (corners_m - centre_m)))
     below_m, below_eye_m = (float(each) for each in heights_m(np.stack((place_m, eye_m))))
     if not np.isfinite((below_m, below_eye_m)).all():
         return T_map_camera

@@ -18,9 +18,9 @@ from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.services import NodeServices
 from oaisys_ros_bridge.simulation_interfaces.entities import (
     Entity,
+    EntityFilter,
     UnsupportedBoundsError,
     entities_of,
-    filter_entities,
 )
 from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_services
 from oaisys_ros_bridge.simulation_interfaces.scene_entities import NameTakenError, SceneEntities
@@ -174,9 +174,9 @@ class EntityServices:
     def _filter(self, filters: Any) -> tuple[list[Entity], str]:
         """Return the entities that pass the filters, and a note about those that were left out."""
         try:
-            entities = self._rig_entities()
-            found = filter_entities(entities, filters, self._simulation.rig_pose)
-            things, left_out = self._things.matching(filters, self._settings()["max_entities"])
+            wanted = EntityFilter(filters)
+            found = wanted.passing(self._rig_entities(), self._simulation.rig_pose)
+            things, left_out = self._things.matching(wanted, self._settings()["max_entities"])
             return found + things, left_out
         except UnsupportedBoundsError as error:
             raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, str(error)) from error

@@ -11,7 +11,6 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
-from simulation_interfaces.msg import Bounds, EntityFilters
 
 from oaisys_core.errors import NotFoundError, quote
 from oaisys_core.types import (
@@ -23,7 +22,11 @@ from oaisys_core.types import (
     SceneObject,
 )
 from oaisys_ros_bridge.bridge.render_queue import RenderQueue
-from oaisys_ros_bridge.simulation_interfaces.entities import Entity, entity_of, filter_entities
+from oaisys_ros_bridge.simulation_interfaces.entities import (
+    Entity,
+    EntityFilter,
+    entity_of,
+)
 
 ADDED = "added"
 _UNCHANGED_LOOK: dict[str, Any] = {
@@ -54,28 +57,28 @@ class SceneEntities:
         self._pending = render_queue.metadata
         self._changing = threading.Lock()
 
-    def matching(self, filters: EntityFilters, limit: int) -> tuple[list[Entity], str]:
+    def matching(self, wanted: EntityFilter, limit: int) -> tuple[list[Entity], str]:
         """Return the objects that pass the filters, and a note about those that were left out.
 
         Args:
-            filters: As ``simulation_interfaces`` has them.
+            wanted: The filters.
             limit: Most entities to return; the others are left out.
         """
-        low_m, high_m = _box_of(filters.bounds)
+        low_m, high_m = _box_of(wanted)
         found: list[Entity] = []
         after, listed, total = 0, 0, 0
         while True:
-            size = min(MAX_OBJECTS, max(1, limit + 1)) if _is_plain(filters) else MAX_OBJECTS
+            size = min(MAX_OBJECTS, max(1, limit + 1)) if wanted.is_by_box else MAX_OBJECTS
             query = ObjectQuery(low_m=low_m, high_m=high_m, after_instance_id=after, limit=size)
             page = self._list_objects(query)
-            found += filter_entities([entity_of(thing) for thing in page.objects], filters, None)
+            found += wanted.passing(map(entity_of, page.objects), None)
             listed, total = listed + len(page.objects), page.total
             after = page.next_after_instance_id
             if not after or len(found) > limit:
                 break
         if len(found) <= limit:
             return found, ""
-        left = f"{total - limit}" if _is_plain(filters) else f"at least {len(found) - limit}"
+        left = f"{total - limit}" if wanted.is_by_box else f"at least {len(found) - limit}"
         note = (
             f"{limit} of the things on the ground are listed and {left} more are left out: "
             f"narrow the filters, or set max_entities ({total - listed} were not looked at)"
@@ -151,21 +154,15 @@ def _pose_keys(pose: Pose) -> dict[str, Any]:
     return {"position_m": list(pose.position_m), "quat_xyzw": list(pose.quat_xyzw)}
 
 
-def _is_plain(filters: EntityFilters) -> bool:
-    """Return whether the simulator can apply these filters itself."""
-    by_box = filters.bounds.type in (Bounds.TYPE_EMPTY, Bounds.TYPE_BOX)
-    return by_box and not (filters.filter or filters.categories or filters.tags.tags)
-
-
 Corner = tuple[float, float, float] | None
 
 
-def _box_of(bounds: Bounds) -> tuple[Corner, Corner]:
-    """Return the corners of the box around valid bounds."""
-    if bounds.type == Bounds.TYPE_EMPTY:
+def _box_of(wanted: EntityFilter) -> tuple[Corner, Corner]:
+    """Return the corners of the box around the bounds of a filter."""
+    if wanted.points_m is None:
         return None, None
-    first, second = np.array([[point.x, point.y, point.z] for point in bounds.points])
-    if bounds.type == Bounds.TYPE_SPHERE:
+    first, second = wanted.points_m
+    if wanted.is_sphere:
         first, second = first - second[0], first + second[0]
     low, high = np.minimum(first, second).tolist(), np.maximum(first, second).tolist()
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])

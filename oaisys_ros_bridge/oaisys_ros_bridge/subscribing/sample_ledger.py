@@ -222,12 +222,15 @@ class SampleLedger:
 
     def _miss(self, sequences: range, topics: frozenset[str]) -> None:
         """Count samples as lost whose announcement has not come."""
-        for missing in sequences:
-            self._unseen[missing] = topics
-            self._announced += 1
-            self._settled += 1
-            self._incomplete += 1
-            self._lost.update([self._info_topic, *topics])
+        # len(sequences) fails beyond 2^63.
+        count = max(sequences.stop - sequences.start, 0)
+        self._announced += count
+        self._settled += count
+        self._incomplete += count
+        for topic in (self._info_topic, *topics):
+            self._lost[topic] += count
+        first = max(sequences.start, sequences.stop - REMEMBERED)
+        self._unseen |= dict.fromkeys(range(first, sequences.stop), topics)
         while len(self._unseen) > REMEMBERED:
             del self._unseen[next(iter(self._unseen))]
 

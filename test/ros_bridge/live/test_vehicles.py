@@ -51,13 +51,22 @@ def test_a_rover_refuses_to_leave_the_stage_and_to_climb_cliffs():
         Rover(lambda points_m: points_m[:, 1], 1.0).move(at(0, 0, 0, EAST), np.zeros(3), EAST)
 
 
+WIDE_M = (-50.0, -50.0, 50.0, 50.0)
+
+
 def test_a_visitor_looks_straight_down_first_only_where_the_start_pose_is_off_the_stage():
     level = pose_to_matrix(pose_looking_at((0, 0, 5), (5, 0, 4))) @ T_LINK_OPTICAL
-    np.testing.assert_array_equal(first_view(level, slope), level)
+    np.testing.assert_array_equal(first_view(level, slope, WIDE_M), level)
     down = pose_to_matrix(pose_looking_down(10, 0, 30)) @ T_LINK_OPTICAL
-    first = first_view(down, slope)
+    first = first_view(down, slope, WIDE_M)
     np.testing.assert_allclose(first[:3, 3], (1.0, -6.0, 2.5 + FIRST_EYE_M[2]))
     to_target = np.array((10, 0, 2.5)) - first[:3, 3]
     np.testing.assert_allclose(first[:3, 2], to_target / np.linalg.norm(to_target), atol=1e-12)
     edge = pose_to_matrix(pose_looking_down(-15, 0, 30)) @ T_LINK_OPTICAL
-    np.testing.assert_array_equal(first_view(edge, slope), edge)
+    np.testing.assert_array_equal(first_view(edge, slope, WIDE_M), edge)
+
+
+def test_a_visitor_of_a_small_stage_looks_from_its_border():
+    down = pose_to_matrix(pose_looking_down(0, 0, 30)) @ T_LINK_OPTICAL
+    first = first_view(down, slope, (-8.0, -4.0, 8.0, 4.0))
+    np.testing.assert_allclose(first[:2, 3], (-7.2, -3.6))

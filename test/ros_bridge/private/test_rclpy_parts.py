@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -145,21 +146,30 @@ def test_requests_wait_in_the_middleware_where_answers_cannot_be_sent_later(
 
 
 @pytest.mark.usefixtures("ros")
-def test_a_request_that_fails_ends_its_node() -> None:
+def test_a_request_that_fails_is_answered_and_the_next_one_served() -> None:
     node = Node("failing")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 
+    requests = itertools.count()
+
     def fail(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        raise ZeroDivisionError(response)
+        if next(requests) == 0:
+            raise ZeroDivisionError("by nothing")
+        response.success = True
+        return response
 
     queue = RequestQueue(node)
     queue.offer(Trigger, "ask", fail)
     client = node.create_client(Trigger, "ask")
     wait_until(client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
-    with pytest.raises(ZeroDivisionError):
+    first, second = client.call_async(Trigger.Request()), client.call_async(Trigger.Request())
+    for answer in (first, second):
         executor.spin_until_future_complete(answer, timeout_sec=5.0)
+    assert not first.result().success
+    expected = "a fault of failing, see its log: ZeroDivisionError: by nothing"
+    assert first.result().message == expected
+    assert second.result().success
     close_queues([queue])
     executor.shutdown()
     node.destroy_node()

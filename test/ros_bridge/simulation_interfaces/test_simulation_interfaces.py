@@ -193,6 +193,15 @@ def test_entities_are_found_asked_and_put_somewhere(stage: Stage) -> None:
     assert simulator.entities(bounds=box((2, 3, 6), (0, 0, 0))) == ["base_link", "camera"]
     hull = EntityFilters(bounds=box((0, 0, 0), (1, 0, 0), (0, 1, 0), kind=Bounds.TYPE_CONVEX_HULL))
     assert simulator.call("GetEntities", filters=hull)[0] == Result.RESULT_FEATURE_UNSUPPORTED
+    # Whatever the other filters let through: they ended the bridge.
+    rig = TagsFilter(tags=["x"])
+    for bounds in (Bounds(type=255), box((0, 0, 0)), box((0, 0, 0), (np.nan, 0, 0))):
+        for name in ("GetEntities", "GetEntitiesStates"):
+            code, message, _ = simulator.call(name, filters=EntityFilters(bounds=bounds, tags=rig))
+            assert code != Result.RESULT_OK
+            assert "filters.bounds" in message
+    slow = EntityFilters(filter="(.|.|.|.|.|.|.|.|.|.|.|.|.|.|.|.|.|.)*!")
+    assert simulator.call("GetEntities", filters=slow)[0] == Result.RESULT_OK
     wrong = EntityFilters(filter="cam(")
     assert simulator.call("GetEntitiesStates", filters=wrong)[0] == Result.RESULT_OPERATION_FAILED
     code, _, answer = simulator.call("GetEntitiesStates", filters=EntityFilters(filter="base"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterable
 
 import numpy as np
@@ -119,6 +120,22 @@ def test_announcements_that_are_lost_are_counted_with_all_that_belongs_to_them(w
     state = watched.ledger.state
     assert (state.announced, state.settled, state.incomplete) == (4, 4, 2)
     assert state.lost == {INFO: 2, DEPTH: 2, COLOR: 2, POSE: 2}
+
+
+@pytest.mark.parametrize("number", [2**40, 2**64 - 1])
+def test_a_number_far_ahead_is_counted_without_a_list_of_what_lacks(watched, number: int):
+    watched.announce(1)
+    watched.arrive(1)
+    tracemalloc.start()
+    watched.ledger.announce(SampleName(1, 2, 2000), number, {DEPTH})
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 4e6
+    state = watched.ledger.state
+    assert (state.announced, state.incomplete) == (number, number - 2)
+    assert state.lost == {INFO: number - 2, DEPTH: number - 2}
+    watched.ledger.announce(SampleName(1, 3, 3000), number - 1, {DEPTH})
+    assert watched.ledger.state.incomplete == number - 3, "one that is taken late is remembered"
 
 
 def test_an_announcement_that_a_thread_takes_late_is_not_lost(watched):
