@@ -142,7 +142,7 @@ def contents(folder: Path) -> dict[str, Any]:
     """Return what must be equal in two data sets, by file: all but workers and seconds."""
     found: dict[str, Any] = {}
     for path in sorted(folder.rglob("*")):
-        if path.is_dir() or path.name == ".render.lock":
+        if path.is_dir():
             continue
         name = str(path.relative_to(folder))
         found[name] = _lines(path) if path.suffix == ".jsonl" else path.read_bytes()

@@ -7,9 +7,13 @@ of that name was made.
 from __future__ import annotations
 
 import errno
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, NotReadyError
 
 SHORTAGES = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.EIO})
 """Errors that are no fault of the name."""
@@ -34,6 +38,31 @@ def make_folder(folder: Path, field: str = "out") -> Path:
         expected = f"a folder that can be made ({error.strerror})"
         raise InvalidInputError(field, str(folder), expected) from error
     return folder
+
+
+@contextmanager
+def owned_folder(folder: Path, field: str = "out") -> Iterator[Path]:
+    """Make a folder for output, and keep other commands out of it during a block; yield it.
+
+    The lock is one of the folder itself, leaves no file, and ends with its process.
+
+    Args:
+        folder: The folder.
+        field: What the user calls it, in errors.
+
+    Raises:
+        NotReadyError: Another command is writing to it.
+        InvalidInputError, OSError: See `make_folder`.
+    """
+    descriptor = os.open(make_folder(folder, field), os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise NotReadyError(f"{folder}: another command is writing to it") from None
+        yield folder
+    finally:
+        os.close(descriptor)
 
 
 def user_path(text: str | Path, field: str) -> Path:

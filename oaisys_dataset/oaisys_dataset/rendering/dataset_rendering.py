@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import logging
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from itertools import zip_longest
 from typing import Any
 
 from oaisys_core.config import SimulationConfig, canonical_json, config_sha256
-from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
-from oaisys_core.files.folders import make_folder
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.files.folders import owned_folder
 from oaisys_core.world.config_files import name_faults
 from oaisys_dataset.card.statistics import class_shares
 from oaisys_dataset.manifest import DatasetInfo, WorldFailure
@@ -27,9 +25,6 @@ from oaisys_dataset.rendering.engine import DatasetEvent, WorldFinished, render_
 from oaisys_dataset.rendering.ray_settings import RaySettings
 from oaisys_dataset.rendering.workers import ViewCounts
 from oaisys_dataset.shards import HEAD, read_head, whole_worlds
-
-LOCK = ".render.lock"
-"""File that a command holds while it writes to a local folder."""
 
 PACKAGES = ("oaisys_core", "bpy", "numpy", "open3d")
 
@@ -116,7 +111,8 @@ class DatasetRendering:
             InvalidInputError: There is a data set already, or with ``is_resumed`` another one.
             NotReadyError: Another command is writing to it.
         """
-        with _lock_place(self._place):
+        folder = self._place.folder
+        with nullcontext() if folder is None else owned_folder(folder):
             self._place.delete_parts()
             earlier = _head(self._place)
             if earlier is not None and not is_resumed:
@@ -223,20 +219,3 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-@contextmanager
-def _lock_place(place: StoragePlace) -> Iterator[None]:
-    """Keep other commands out of a local folder; a lock ends with its process."""
-    if place.folder is None:
-        yield
-        return
-    make_folder(place.folder)
-    # A link that somebody else has put there is not followed.
-    lock = os.open(place.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-    with os.fdopen(lock, "w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise NotReadyError(f"{place.url}: another command is writing to it") from None
-        yield
