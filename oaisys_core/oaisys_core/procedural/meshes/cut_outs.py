@@ -29,7 +29,7 @@ def cut_out(
     highest = factor * (1.0 if alpha is None else float(alpha.max()) / 255)
     if lowest >= cutoff:
         return None
-    if highest < cutoff and highest > 0 and not is_mask:
+    if highest < cutoff and not is_mask:
         LOG.warning("%s: is see-through (opacity %.2g) and shown as if it were not", where, highest)
         return None
     return np.full((1, 1), 255, np.uint8) if alpha is None else alpha

@@ -17,7 +17,6 @@ from oaisys_core.procedural.meshes.obj_materials import ObjMaterials
 from oaisys_core.procedural.meshes.obj_statements import FaceGroup, ObjStatements
 from oaisys_core.procedural.meshes.polygons import PolygonError, triangulate
 from oaisys_core.procedural.meshes.references import FileReferences
-from oaisys_core.scene import MeshMaterial
 
 LOG = logging.getLogger(__name__)
 
@@ -96,8 +95,7 @@ class _Parts:
             colors = self._statements.colors(v[first])
             return LoadedMesh(name, vertices, triangles, vertex_colors_srgb=colors)
         if not group.has_uv:
-            plain = MeshMaterial(material.material.name, material.material.color_srgb)
-            return LoadedMesh(name, vertices, triangles, materials=(plain,))
+            return LoadedMesh(name, vertices, triangles, materials=(material.plain,))
         uv = self._statements.uv[self._vt[corners]] * material.scale + material.offset
         return LoadedMesh(
             name, vertices, triangles, uv.astype(np.float32), materials=(material.material,)

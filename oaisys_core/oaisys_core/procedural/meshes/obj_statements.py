@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from itertools import repeat
@@ -56,8 +57,8 @@ class ObjStatements:
         lines: (F,) line of each face.
         group_of: (F,) index of each face into ``groups``.
         groups: In the order of the file.
-        libraries: What stands behind ``mtllib``, once each.
-        materials: What stands behind ``usemtl``, once each.
+        libraries: What stands behind ``mtllib``, once each, as `file_name` returns it.
+        materials: What stands behind ``usemtl``, once each, as `shown_name` returns it.
         unknown: The first keywords that the specification does not have.
     """
 
@@ -154,7 +155,7 @@ class ObjStatements:
             b"f": self._face,
             b"fo": self._face,
         }
-        for line, text in _logical_lines(data):
+        for line, text in logical_lines(data):
             words = text.split()
             if not words or words[0].startswith(b"#"):
                 continue
@@ -165,16 +166,16 @@ class ObjStatements:
                 try:
                     readers[key](line, words)
                 except (ValueError, OverflowError) as error:
-                    shown = quote(text.strip().decode("utf-8", errors="replace"))
+                    shown = quote(shown_name(text.strip()))
                     raise ValueError(f"{error}, not {shown}: line {line}") from error
             elif key not in LEFT_OUT:
                 self._name(line, key, text.strip()[len(key) :].strip())
 
     def _name(self, line: int, key: bytes, value: bytes) -> None:
         """Take what changes the names of the faces that follow."""
-        name = value.decode("utf-8", errors="replace")
+        name = shown_name(value)
         if key == b"mtllib":
-            self.libraries[name] = None
+            self.libraries[file_name(value)] = None
         elif key == b"usemtl":
             self._material = name
             self.materials[name] = None
@@ -183,7 +184,7 @@ class ObjStatements:
         elif key in REFUSED:
             raise ValueError(f"{REFUSED[key]}: line {line}")
         elif len(self.unknown) < MAX_UNKNOWN:
-            self.unknown[key.decode("utf-8", errors="replace")] = None
+            self.unknown[shown_name(key)] = None
 
     def _vertex(self, line: int, words: Sequence[bytes]) -> None:
         numbers = _floats(words[1:])
@@ -248,6 +249,22 @@ class ObjStatements:
                 into.append(int(each) if each or into is self._corners[0] else ABSENT)
 
 
+def shown_name(name: bytes) -> str:
+    r"""Return a name as text that can be shown, other bytes than those of UTF-8 as numbers.
+
+    So different names stay different, in whatever encoding.
+
+    >>> shown_name(b"M\xfcll")
+    'M\\xfcll'
+    """
+    return name.decode("utf-8", errors="backslashreplace")
+
+
+def file_name(name: bytes) -> str:
+    """Return a file's name so that opening it asks for the very bytes."""
+    return os.fsdecode(name)
+
+
 def _floats(words: Sequence[bytes]) -> list[float]:
     try:
         return [float(word) for word in words]
@@ -259,10 +276,10 @@ def _integers(values: array[int]) -> NDArray[np.int64]:
     return np.frombuffer(values, np.int64) if len(values) else np.empty(0, np.int64)
 
 
-def _logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
+def logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
     r"""Yield each line with its number, and those joined by ``\`` as one with that of the first.
 
-    >>> list(_logical_lines(b"f 1 2 \\\r\n3\n# a \\\nv"))
+    >>> list(logical_lines(b"f 1 2 \\\r\n3\n# a \\\nv"))
     [(1, b'f 1 2  3'), (3, b'# a \\'), (4, b'v')]
     """
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")

@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, show_field
 from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_headers import image_size
 from oaisys_core.files.images import MESH_TEXTURE
@@ -72,7 +72,8 @@ class FileReferences:
         try:
             return read_bytes(path, MAX_BYTES)
         except ValueError as error:
-            expected = f"a file that refers to files that can be read ({path.name}: {error})"
+            shown = show_field(path.name)
+            expected = f"a file that refers to files that can be read ({shown}: {error})"
             raise InvalidInputError(self._field, str(self._file), expected) from error
 
     def __getitem__(self, name: str) -> bytes:

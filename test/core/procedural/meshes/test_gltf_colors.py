@@ -180,3 +180,18 @@ def test_glass_keeps_its_surface_and_a_mask_its_holes(
     assert (materials[1].opacity >= materials[1].cutoff).tolist() == [[False, True], [True, True]]
     assert materials[2].cutoff == pytest.approx(255.0)
     assert materials[3].opacity is None
+
+
+def test_a_blend_of_alpha_0_is_opaque_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = GltfFile()
+    clear = base_color(baseColorFactor=[1, 1, 1, 0.0]) | {"alphaMode": "BLEND", "name": "clear"}
+    file.square(clear)
+    image = base_color(baseColorTexture=file.texture(np.zeros((2, 2, 4), np.uint8)))
+    file.square(image | {"alphaMode": "BLEND", "name": "image"})
+    with caplog.at_level(logging.WARNING):
+        materials = load_mesh(file.save(tmp_path / "a.gltf")).materials
+    assert [each.opacity for each in materials] == [None, None]
+    assert "'clear': is see-through" in caplog.text
+    assert "'image': is see-through" in caplog.text
