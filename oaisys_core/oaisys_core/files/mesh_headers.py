@@ -29,7 +29,9 @@ MAX_MAP_BYTES = 16_000_000_000
 
 MAX_NODES = 100_000
 MAX_NODE_DEPTH = 200
-_HEADER_BYTES = 65_536
+MAX_HEADER_BYTES = 65_536
+"""Within which the header of a .ply file ends."""
+
 _PLY_TYPES = {
     **dict.fromkeys((b"char", b"uchar", b"int8", b"uint8"), 1),
     **dict.fromkeys((b"short", b"ushort", b"int16", b"uint16"), 2),
@@ -58,7 +60,7 @@ def check_mesh_file(
     suffix = path.suffix.lower()
     try:
         with path.open("rb") as file:
-            start = file.read(_HEADER_BYTES)
+            start = file.read(MAX_HEADER_BYTES)
         most = MAX_TEXT_BYTES if _is_text(suffix, start) else most_bytes
         if size > most:
             raise ValueError(f"at most {most} bytes, not {size}")
@@ -86,7 +88,7 @@ def check_map_file(path: Path, field: str) -> None:
 def is_text_stl(path: Path) -> bool:
     """Return whether a .stl file is text."""
     with path.open("rb") as file:
-        return _is_text(".stl", file.read(_HEADER_BYTES))
+        return _is_text(".stl", file.read(MAX_HEADER_BYTES))
 
 
 def _is_text(suffix: str, start: bytes) -> bool:
@@ -102,7 +104,7 @@ def _is_text(suffix: str, start: bytes) -> bool:
 def _check_ply(start: bytes, size: int, most: int) -> None:
     end = re.search(rb"\nend_header\r?\n", start)
     if end is None:
-        raise ValueError(f"a header within {_HEADER_BYTES} bytes")
+        raise ValueError(f"a header within {MAX_HEADER_BYTES} bytes")
     is_text = _is_text(".ply", start)
     announced = 0
     elements = re.split(rb"\nelement ", start[: end.start()])[1:]

@@ -1,4 +1,4 @@
-"""What the elements of a .ply file say: polygons, and colours of any type of number."""
+"""What the elements of a .ply file say: polygons, colours of any type of number, images."""
 
 from __future__ import annotations
 
@@ -18,6 +18,13 @@ CORNERS = ("vertex_indices", "vertex_index")
 """Names of the list of a face's corners."""
 
 
+UV = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+"""Names of the texture coordinates of a vertex; those of a face are a list, ``texcoord``."""
+
+TEXTURE_NUMBER = "texnumber"
+"""Name of the image of a face, or of a vertex, among several."""
+
+
 class PlyMesh(NamedTuple):
     """The surface of a file.
 
@@ -25,13 +32,13 @@ class PlyMesh(NamedTuple):
         vertices: (V, 3).
         triangles: (T, 3) int32.
         face_of: (T,) face of each triangle.
-        concave: The first face, from 0, whose triangles are no fan; None: none.
+        places: (T, 3) of their corners among the corners of all faces.
     """
 
     vertices: FloatArray
     triangles: NDArray[np.int32]
     face_of: NDArray[np.int64]
-    concave: int | None
+    places: NDArray[np.int64]
 
 
 def ply_mesh(elements: Mapping[str, Any]) -> PlyMesh:
@@ -52,10 +59,7 @@ def ply_mesh(elements: Mapping[str, Any]) -> PlyMesh:
         places, face_of = triangulate(vertices, corners, counts)
     except PolygonError as error:
         raise ValueError(f"{error}: face {error.index}") from error
-    within = places - (np.cumsum(counts) - counts)[face_of, None]
-    clipped = (within[:, 0] != 0) | (within[:, 2] != within[:, 1] + 1)
-    concave = int(face_of[np.argmax(clipped)]) if clipped.any() else None
-    return PlyMesh(vertices, corners[places].astype(np.int32), face_of, concave)
+    return PlyMesh(vertices, corners[places].astype(np.int32), face_of, places)
 
 
 def ply_colors(elements: Mapping[str, Any], mesh: PlyMesh) -> NDArray[np.uint8] | None:
@@ -79,6 +83,50 @@ def ply_colors(elements: Mapping[str, Any], mesh: PlyMesh) -> NDArray[np.uint8] 
     return np.asarray(np.rint(np.stack(sums, axis=1) / number[:, None]), np.uint8)
 
 
+def ply_uv(elements: Mapping[str, Any], mesh: PlyMesh) -> NDArray[np.float32] | None:
+    """Return the (T, 3, 2) texture coordinates of corners, v up; None: there are none.
+
+    Raises:
+        ValueError: Some corners have none.
+    """
+    face, vertex = elements["face"], elements["vertex"]
+    if "texcoord" in face["properties"]:
+        numbers, lengths = _lists(face, "texcoord")
+        _, counts = _polygons(face)
+        if (lengths != 2 * counts).any():
+            bad = int(np.argmax(lengths != 2 * counts))
+            raise ValueError(f"two of texcoord for each corner: face {bad} has {lengths[bad]}")
+        return numbers.astype(np.float32).reshape(-1, 2)[mesh.places]
+    for names in UV:
+        if all(name in vertex["properties"] for name in names):
+            uv = np.stack([_column(vertex, name) for name in names], axis=1)
+            return uv.astype(np.float32)[mesh.triangles]
+    return None
+
+
+def ply_image_of(elements: Mapping[str, Any], mesh: PlyMesh, count: int) -> NDArray[np.uint16]:
+    """Return the (T,) number of the image of each triangle, of so many.
+
+    Raises:
+        ValueError: It is not said, or of no image.
+    """
+    numbers = np.zeros((len(mesh.triangles), 1))
+    if TEXTURE_NUMBER in elements["face"]["properties"]:
+        numbers = _column(elements["face"], TEXTURE_NUMBER)[mesh.face_of, None]
+    elif TEXTURE_NUMBER in elements["vertex"]["properties"]:
+        numbers = _column(elements["vertex"], TEXTURE_NUMBER)[mesh.triangles]
+    elif count > 1:
+        raise ValueError(f"faces with {TEXTURE_NUMBER}, as there are {count} of TextureFile")
+    first = numbers[:, :1]
+    bad = ((numbers != first) | (first != np.floor(first)) | (first < 0) | (first >= count)).any(1)
+    if bad.any():
+        row = int(np.argmax(bad))
+        shown = ", ".join(f"{number:g}" for number in dict.fromkeys(numbers[row].tolist()))
+        expected = f"one {TEXTURE_NUMBER} from 0 to {count - 1}, of its TextureFile, not {shown}"
+        raise ValueError(f"{expected}: face {mesh.face_of[row]}")
+    return np.asarray(first[:, 0], np.uint16)
+
+
 def _column(element: Mapping[str, Any], name: str) -> FloatArray:
     return np.asarray(element["data"][name], np.float64).reshape(element["length"])
 
@@ -95,13 +143,20 @@ def _polygons(face: Mapping[str, Any]) -> tuple[NDArray[np.int64], NDArray[np.in
             # trimesh takes all lists to be as long as the first one.
             if (data[name]["f0"] != data[name]["f0"][0]).any():
                 raise ValueError("faces with equally many corners, which binary files need here")
-        found = data[named[0]]["f1"].reshape(len(data), -1)
-    else:
-        found = data[named[0]]
+    corners, counts = _lists(face, named[0])
+    return corners.astype(np.int64), counts
+
+
+def _lists(element: Mapping[str, Any], name: str) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return the numbers of all lists of a name, one after another, and the length of each."""
+    length, data = element["length"], element["data"]
+    found = data[name]["f1"] if isinstance(data, np.ndarray) else data[name]
     if found.dtype != object:
-        return found.ravel().astype(np.int64), np.full(len(found), found.shape[1], np.int64)
+        # trimesh takes the axis from a single list.
+        found = found.reshape(length, -1)
+        return found.ravel(), np.full(length, found.shape[1], np.int64)
     counts = np.array([len(each) for each in found], np.int64)
-    return np.concatenate(list(found)).astype(np.int64), counts
+    return np.concatenate(list(found)), counts
 
 
 def _colors(element: Mapping[str, Any], where: str) -> FloatArray | None:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import MESH_TEXTURE
-from oaisys_core.files.mesh_headers import MAX_VERTICES, is_text_stl
-from oaisys_core.procedural.meshes.loaded import LoadedMesh, split_image
-from oaisys_core.procedural.meshes.ply_elements import ply_colors, ply_mesh
-from oaisys_core.procedural.meshes.references import FileReferences
+from oaisys_core.files.mesh_headers import MAX_HEADER_BYTES, MAX_VERTICES, is_text_stl
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, decode_texture
+from oaisys_core.procedural.meshes.obj_statements import file_name
+from oaisys_core.procedural.meshes.ply_elements import ply_colors, ply_image_of, ply_mesh, ply_uv
+from oaisys_core.procedural.meshes.references import FileReferences, check_texture
 from oaisys_core.scene import MeshMaterial
+
+LOG = logging.getLogger(__name__)
+
+WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
+"""What is multiplied by an image, and what its faces are without it."""
 
 
 def load_by_trimesh(
@@ -34,7 +42,8 @@ def load_by_trimesh(
     Raises:
         InvalidInputError: It cannot be read, or refers to a file elsewhere.
     """
-    scene = _load_scene(path, field)
+    references = FileReferences(path, field)
+    scene = _load_scene(path, references, field)
     count = sum(
         len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
         for node in scene.graph.nodes_geometry
@@ -42,7 +51,7 @@ def load_by_trimesh(
     if count > MAX_VERTICES:
         raise InvalidInputError(field, str(path), f"at most {MAX_VERTICES} triangles, not {count}")
     try:
-        found = list(_parts(scene))
+        found = list(_parts(scene, path, references))
         if path.suffix.lower() == ".stl":
             _check_facets(path, count)
     except (ValueError, KeyError, IndexError, TypeError) as error:
@@ -53,15 +62,16 @@ def load_by_trimesh(
     return chosen or sorted({name for name, _ in found})
 
 
-def _load_scene(path: Path, field: str) -> Any:
-    """Return what trimesh reads from a file, and from others beside it."""
+def _load_scene(path: Path, references: FileReferences, field: str) -> Any:
+    """Return what trimesh reads from a file, without the images of a .ply file."""
     import trimesh
 
-    references = FileReferences(path, field)
+    suffix = path.suffix.lower()[1:]
+    own = {"skip_materials": True} if suffix == "ply" else {}
     try:
         with path.open("rb") as file:
             scene = trimesh.load_scene(
-                file, file_type=path.suffix.lower()[1:], resolver=references, process=False
+                file, file_type=suffix, resolver=references, process=False, **own
             )
     # The exception that trimesh raises depends on the format.
     except Exception as error:
@@ -74,7 +84,7 @@ def _load_scene(path: Path, field: str) -> Any:
     return scene
 
 
-def _parts(scene: Any) -> Sequence[tuple[str, LoadedMesh]]:
+def _parts(scene: Any, path: Path, references: FileReferences) -> Sequence[tuple[str, LoadedMesh]]:
     """Return the objects of a file, with their names."""
     import trimesh
 
@@ -87,7 +97,7 @@ def _parts(scene: Any) -> Sequence[tuple[str, LoadedMesh]]:
             if elements is None:
                 parts.append((name, _bare(name, mesh.copy().apply_transform(T))))
             else:
-                parts.append((name, _of_ply(name, mesh, elements)))
+                parts.append((name, _of_ply(name, elements, path, references)))
     return parts
 
 
@@ -95,23 +105,47 @@ def _bare(name: str, mesh: Any) -> LoadedMesh:
     return LoadedMesh(name, np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int32))
 
 
-def _of_ply(name: str, mesh: Any, elements: Mapping[str, Any]) -> LoadedMesh:
-    """Return the mesh of a .ply file: its own elements, unless it has an image."""
+def _of_ply(
+    name: str, elements: Mapping[str, Any], path: Path, references: FileReferences
+) -> LoadedMesh:
+    """Return the mesh of a .ply file, with its images, or else with its colours."""
     own = ply_mesh(elements)
-    uv = getattr(mesh.visual, "uv", None)
-    image = getattr(getattr(mesh.visual, "material", None), "image", None)
-    # Without a file trimesh makes up an image, which has no format.
-    if image is None or image.format is None or uv is None:
-        colors = ply_colors(elements, own)
-        return LoadedMesh(name, own.vertices, own.triangles, vertex_colors_srgb=colors)
-    if own.concave is not None:
-        raise ValueError(f"a texture on convex faces: face {own.concave} is not (triangulate it)")
-    width, height = image.size
-    MESH_TEXTURE.check(width, height, "a mesh's texture")
-    material = MeshMaterial(name, color_image_srgb=split_image(image)[0])
-    bare = _bare(name, mesh)
-    at = np.asarray(uv, np.float64).astype(np.float32)[bare.triangles]
-    return LoadedMesh(name, bare.vertices_m, bare.triangles, at, materials=(material,))
+    files = texture_files(path)
+    uv = ply_uv(elements, own) if files else None
+    if files and uv is None:
+        LOG.warning("%s: its TextureFile is not used, as it has no texture coordinates", path)
+    if uv is not None:
+        which = ply_image_of(elements, own, len(files))
+        images = [_image(references, file) for file in files]
+        if any(image is not None for image in images):
+            materials = tuple(
+                MeshMaterial(f"{name}_{index}", GREY if image is None else WHITE, image)
+                for index, image in enumerate(images)
+            )
+            if len(materials) == 1:
+                materials = (replace(materials[0], name=name),)
+            return LoadedMesh(
+                name, own.vertices, own.triangles, uv, materials=materials, material_of=which
+            )
+    colors = ply_colors(elements, own)
+    return LoadedMesh(name, own.vertices, own.triangles, vertex_colors_srgb=colors)
+
+
+def texture_files(path: Path) -> list[str]:
+    """Return the names behind ``comment TextureFile`` in a .ply file, whose order counts."""
+    with path.open("rb") as file:
+        header = file.read(MAX_HEADER_BYTES).partition(b"\nend_header")[0]
+    names = re.findall(rb"(?mi)^[ \t]*comment[ \t]+TextureFile[ \t]+(\S.*?)[ \t\r]*$", header)
+    return [file_name(name) for name in names]
+
+
+def _image(references: FileReferences, name: str) -> NDArray[np.uint8] | None:
+    """Return the (H, W, 3) pixels of an image; None: it is not there."""
+    data = references.find(name)
+    if data is None:
+        return None
+    check_texture(data, name)
+    return decode_texture(data, name)[0]
 
 
 def _check_facets(path: Path, count: int) -> None:
