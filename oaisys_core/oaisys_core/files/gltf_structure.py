@@ -18,12 +18,13 @@ _STRUCTURE: dict[str, Any] = {
     "extensionsUsed": [str],
     "extensionsRequired": [str],
     "scenes": [{"nodes": ["nodes"]}],
-    "nodes": [{"mesh": "meshes", "children": ["nodes"], "extensions": _NAMED}],
+    "nodes": [{"mesh": "meshes", "skin": "skins", "children": ["nodes"], "extensions": _NAMED}],
     "meshes": [
         {
             "primitives": [
                 {
                     "attributes": {"*": "accessors"},
+                    "targets": [{"*": "accessors"}],
                     "indices": "accessors",
                     "material": "materials",
                     "mode": int,
@@ -59,7 +60,7 @@ _STRUCTURE: dict[str, Any] = {
     ],
     "images": [{"bufferView": "bufferViews", "uri": str}],
     "samplers": [{"wrapS": int, "wrapT": int}],
-    "skins": [{}],
+    "skins": [{"joints": ["nodes"], "inverseBindMatrices": "accessors"}],
     "animations": [{}],
     "cameras": [{}],
 }

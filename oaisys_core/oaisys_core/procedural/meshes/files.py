@@ -65,7 +65,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     for part in parts:
         check_mesh(np.asarray(part.vertices_m, np.float64), part.triangles, path, field)
     check_uv((part.uv for part in parts), path, field)
-    mesh = merge_parts(object_name or path.stem, parts)
+    mesh = merge_parts(object_name or path.stem, parts, field)
     if turned:
         mesh = replace(mesh, vertices_m=mesh.vertices_m @ R_Z_UP_FROM_Y_UP.T)
     return as_float32(mesh)

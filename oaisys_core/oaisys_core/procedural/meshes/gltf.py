@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, show_field
 from oaisys_core.files.mesh_headers import MAX_VERTICES, inner_images, read_gltf
-from oaisys_core.geometry import transform_points
 from oaisys_core.procedural.meshes.gltf_accessors import Accessors
 from oaisys_core.procedural.meshes.gltf_materials import GltfMaterials
+from oaisys_core.procedural.meshes.gltf_nodes import Node, node_name, nodes_with_meshes
+from oaisys_core.procedural.meshes.gltf_vertices import Skins, Vertices
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.meshes.references import FileReferences, check_texture
 from oaisys_core.types import FloatArray
@@ -31,6 +31,8 @@ UNDERSTOOD_PREFIXES = ("KHR_materials_", "KHR_lights_", "KHR_animation_", "KHR_x
 """Extensions that a file may require: what they change is read, or changes only what is left out
 anyway."""
 
+INSTANCING = "EXT_mesh_gpu_instancing"
+
 CONVERTERS = {
     "KHR_draco_mesh_compression": "open it in Blender and export it without compression, or"
     " `npx @gltf-transform/cli copy IN.glb OUT.glb`",
@@ -40,7 +42,7 @@ CONVERTERS = {
     "KHR_texture_basisu": "`npx @gltf-transform/cli ktxdecompress IN.glb OUT.glb` (KTX2 to PNG)",
     "MSFT_texture_dds": "textures as PNG",
     "EXT_texture_avif": "textures as PNG",
-    "EXT_mesh_gpu_instancing": "instances as nodes",
+    INSTANCING: "instances as nodes",
 }
 """How to get rid of an extension."""
 
@@ -67,16 +69,13 @@ def load_gltf(path: Path, object_name: str | None, field: str) -> list[LoadedMes
         _check_extensions(document, path, field)
         for name, data in inner_images(document, binary):
             check_texture(data, f"{path}: {name}")
-        nodes = list(_nodes(document))
+        nodes = list(nodes_with_meshes(document))
         chosen = [node for node in nodes if _is_named(document, node, object_name)]
         if object_name is not None and not chosen:
-            return sorted({_name(document, index) for index, _, _ in nodes})
+            return sorted({node_name(document, index) for index, _, _ in nodes})
         _check_size(document, chosen)
-        parts = [
-            part
-            for index, T, _ in chosen
-            for part in _Primitives(document, accessors, materials).of_node(index, T)
-        ]
+        primitives = _Primitives(document, accessors, materials)
+        parts = [part for index, T, _ in chosen for part in primitives.of_node(index, T)]
         _tell_unused(document, materials, path)
     except (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError) as error:
         expected = f"a glTF file that can be read ({type(error).__name__}: {error})"
@@ -92,10 +91,13 @@ def _check_extensions(document: Mapping[str, Any], path: Path, field: str) -> No
         raise InvalidInputError(field, str(path), expected)
     required = [str(each) for each in document.get("extensionsRequired", ())]
     for extension in required:
-        if extension in UNDERSTOOD or extension.startswith(UNDERSTOOD_PREFIXES):
+        if _is_understood(extension):
             continue
         how = CONVERTERS.get(extension, "save it without this extension")
         raise InvalidInputError(field, str(path), f"a file that needs no {extension}: {how}")
+    if any(INSTANCING in node.get("extensions", {}) for node in document.get("nodes", ())):
+        expected = f"a file whose nodes need no {INSTANCING}: {CONVERTERS[INSTANCING]}"
+        raise InvalidInputError(field, str(path), expected)
     for texture in document.get("textures", ()):
         for extension in texture.get("extensions", {}):
             if "source" not in texture and extension in CONVERTERS:
@@ -104,63 +106,21 @@ def _check_extensions(document: Mapping[str, Any], path: Path, field: str) -> No
                 raise InvalidInputError(field, str(path), expected)
 
 
-def _nodes(document: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray, tuple[int, ...]]]:
-    """Yield index, pose in the scene, and ancestors of each node with a mesh."""
-    nodes = document.get("nodes", [])
-    scenes = document.get("scenes", [])
-    if scenes:
-        roots = scenes[int(document.get("scene", 0))].get("nodes", [])
-    else:
-        below = {child for node in nodes for child in node.get("children", ())}
-        roots = [index for index in range(len(nodes)) if index not in below]
-    left: list[tuple[int, FloatArray, tuple[int, ...]]]
-    left = [(int(index), np.eye(4), ()) for index in reversed(roots)]
-    while left:
-        index, T_parent, above = left.pop()
-        node = nodes[index]
-        T = T_parent @ _pose(node)
-        if "mesh" in node:
-            yield index, T, above
-        children = reversed(node.get("children", ()))
-        left.extend((int(child), T, (*above, index)) for child in children)
+def _is_understood(extension: str) -> bool:
+    return extension in UNDERSTOOD or extension.startswith(UNDERSTOOD_PREFIXES)
 
 
-def _pose(node: Mapping[str, Any]) -> FloatArray:
-    if "matrix" in node:
-        T = np.array(node["matrix"], np.float64).reshape(4, 4).T
-        if not np.allclose(T[3], (0, 0, 0, 1), rtol=0, atol=1e-6):
-            raise ValueError("a node's matrix must end with 0, 0, 0, 1 in its last row")
-        return T
-    T = np.eye(4)
-    R = scipy.spatial.transform.Rotation.from_quat(
-        np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
-    ).as_matrix()
-    T[:3, :3] = R * np.array(node.get("scale", (1, 1, 1)), np.float64)
-    T[:3, 3] = node.get("translation", (0, 0, 0))
-    return T
-
-
-def _name(document: Mapping[str, Any], index: int) -> str:
-    node = document["nodes"][index]
-    mesh = document["meshes"][node["mesh"]] if "mesh" in node else {}
-    return str(node.get("name") or mesh.get("name") or f"node {index}")
-
-
-def _is_named(
-    document: Mapping[str, Any], node: tuple[int, FloatArray, tuple[int, ...]], name: str | None
-) -> bool:
+def _is_named(document: Mapping[str, Any], node: Node, name: str | None) -> bool:
     """Return whether a node, its mesh, or a node above it has a name."""
     index, _, above = node
     if name is None:
         return True
     mesh = document["meshes"][document["nodes"][index]["mesh"]]
-    names = {_name(document, each) for each in (index, *above)} | {str(mesh.get("name"))}
+    names = {node_name(document, each) for each in (index, *above)} | {str(mesh.get("name"))}
     return name in names
 
 
-def _check_size(
-    document: Mapping[str, Any], nodes: Sequence[tuple[int, FloatArray, tuple[int, ...]]]
-) -> None:
+def _check_size(document: Mapping[str, Any], nodes: Sequence[Node]) -> None:
     """Raise if the instances of meshes have too many triangles."""
     corners = 0
     for index, _, _ in nodes:
@@ -179,45 +139,54 @@ class _Primitives:
         self, document: Mapping[str, Any], accessors: Accessors, materials: GltfMaterials
     ) -> None:
         self._document, self._accessors, self._materials = document, accessors, materials
+        self._skins = Skins(document, accessors)
 
     def of_node(self, index: int, T: FloatArray) -> Iterator[LoadedMesh]:
-        """Yield the surfaces of a node's mesh, at its pose."""
-        mesh = self._document["meshes"][self._document["nodes"][index]["mesh"]]
+        """Yield the surfaces of a node's mesh, at its pose, or where its skin has it."""
+        node = self._document["nodes"][index]
+        mesh = self._document["meshes"][node["mesh"]]
+        weights = node.get("weights", mesh.get("weights"))
+        joints = None if node.get("skin") is None else self._skins.poses(node["skin"])
         for primitive in mesh["primitives"]:
             mode = int(primitive.get("mode", TRIANGLES))
             if mode in (TRIANGLES, STRIP, FAN) and "POSITION" in primitive["attributes"]:
-                yield self._surface(_name(self._document, index), primitive, mode, T)
+                where = f"mesh {node['mesh']}"
+                vertices = Vertices(self._document, self._accessors, primitive, weights, where)
+                points, mirrored = vertices.points(T, joints)
+                name = node_name(self._document, index)
+                yield self._surface(name, primitive, vertices, points, mirrored=mirrored)
 
     def _surface(
-        self, name: str, primitive: Mapping[str, Any], mode: int, T: FloatArray
+        self,
+        name: str,
+        primitive: Mapping[str, Any],
+        vertices: Vertices,
+        points: FloatArray,
+        *,
+        mirrored: bool,
     ) -> LoadedMesh:
-        attributes = primitive["attributes"]
-        vertices = self._accessors.floats(int(attributes["POSITION"]))
-        if vertices.shape[1] != 3:
-            raise ValueError("POSITION must be of VEC3")
-        order = np.arange(len(vertices))
+        order = np.arange(len(points))
         if "indices" in primitive:
             order = self._accessors.integers(int(primitive["indices"]))
-        triangles = _triangles(order, mode)
-        if np.linalg.det(T[:3, :3]) < 0:
+        triangles = _triangles(order, int(primitive.get("mode", TRIANGLES)))
+        if mirrored:
             triangles = np.ascontiguousarray(triangles[:, ::-1])
-        if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+        if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points):
             raise ValueError("indices without vertices")
         base = self._materials.base_color(primitive.get("material"))
-        uv = None
-        if f"TEXCOORD_{base.uv_set}" in attributes:
-            at = self._accessors.floats(int(attributes[f"TEXCOORD_{base.uv_set}"]))
-            at = transform_uv(at, base.transform)
-            uv = np.stack((at[:, 0], 1 - at[:, 1]), axis=1).astype(np.float32)[triangles]
-        colors = None
-        if "COLOR_0" in attributes:
-            colors = encode_srgb(self._accessors.floats(int(attributes["COLOR_0"]))[:, :3])
+        uv = vertices.floats(f"TEXCOORD_{base.uv_set}")
+        if uv is not None:
+            uv = transform_uv(uv, base.transform)
+            uv = np.stack((uv[:, 0], 1 - uv[:, 1]), axis=1).astype(np.float32)[triangles]
+        elif base.material.color_image_srgb is not None or base.material.opacity is not None:
+            LOG.warning("%s: lacks TEXCOORD_%d, by which its image lies", name, base.uv_set)
+        colors = vertices.colors()
         return LoadedMesh(
             name=name,
-            vertices_m=transform_points(T, vertices),
+            vertices_m=points,
             triangles=triangles,
             uv=uv,
-            vertex_colors_srgb=colors,
+            vertex_colors_srgb=None if colors is None else encode_srgb(colors),
             materials=(base.material,),
         )
 
@@ -242,10 +211,13 @@ def _triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int32]:
 
 def _tell_unused(document: Mapping[str, Any], materials: GltfMaterials, path: Path) -> None:
     """Log what the file says that is left out."""
+    used = map(str, document.get("extensionsUsed", ()))
+    # Where a texture or a primitive needs one of `CONVERTERS`, it was refused.
+    unread = [each for each in used if not _is_understood(each) and each not in CONVERTERS]
+    if unread:
+        names = ", ".join(map(show_field, unread))
+        LOG.warning("%s: extensions that are not read, which may change it: %s", path, names)
     unused = set(materials.unused)
-    primitives = [each for mesh in document.get("meshes", ()) for each in mesh["primitives"]]
-    if any("targets" in each for each in primitives):
-        unused.add("morph targets")
-    unused |= {what for what in ("skins", "animations", "cameras") if document.get(what)}
+    unused |= {what for what in ("animations", "cameras") if document.get(what)}
     if unused:
         LOG.info("%s: not used: %s", path, ", ".join(sorted(unused)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.types import FloatArray
 
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 class Accessors:
@@ -41,6 +41,12 @@ class Accessors:
         if self._document["accessors"][index].get("normalized") and values.dtype.kind in "iu":
             found = np.maximum(found / np.iinfo(values.dtype).max, -1.0)
         return found
+
+    def matrices(self, index: int) -> FloatArray:
+        """Return the (N, 4, 4) matrices of an accessor, which stores their columns."""
+        if self._document["accessors"][index]["type"] != "MAT4":
+            raise ValueError(f"matrices of type MAT4 in accessor {index}")
+        return self.floats(index).reshape(-1, 4, 4).transpose(0, 2, 1)
 
     def view(self, index: int) -> bytes:
         """Return the bytes of a buffer view."""
@@ -90,6 +96,8 @@ class Accessors:
     def _buffer(self, index: int) -> bytes:
         if index not in self._buffers:
             uri = self._document["buffers"][index].get("uri")
+            if uri is None and index:
+                raise ValueError(f"a uri of buffer {index}: only the first may be in the file")
             if uri is None:
                 self._buffers[index] = self._binary
             else:

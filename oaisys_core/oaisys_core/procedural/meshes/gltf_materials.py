@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import srgb
+from oaisys_core.errors import quote
 from oaisys_core.procedural.meshes.cut_outs import cut_out
 from oaisys_core.procedural.meshes.gltf_accessors import Accessors, data_of_uri
 from oaisys_core.procedural.meshes.loaded import decode_texture, multiply_image
@@ -85,17 +86,21 @@ class GltfMaterials:
             texture, factor = older.get("diffuseTexture"), older.get("diffuseFactor")
         self._note_unused(material, pbr)
         linear_rgba = np.array(factor if factor is not None else (1, 1, 1, 1), np.float64)
-        if linear_rgba.shape != (4,) or not np.isfinite(linear_rgba).all():
-            raise ValueError(f"a base colour of material {name!r} that is not four numbers")
+        if linear_rgba.shape != (4,) or not (abs(linear_rgba - 0.5) <= 0.501).all():
+            shown = quote(factor)
+            raise ValueError(f"a base colour of four numbers from 0 to 1, not {shown}: {name!r}")
+        linear_rgba = linear_rgba.clip(0, 1)
         image = self._image_of(texture) if texture is not None else None
-        mode = str(material.get("alphaMode", "OPAQUE"))
+        mode = material.get("alphaMode", "OPAQUE")
+        if mode not in ("OPAQUE", "MASK", "BLEND"):
+            raise ValueError(f"an alphaMode of OPAQUE, MASK or BLEND, not {quote(mode)}: {name!r}")
         opacity, cutoff = None, 0.5
         if mode in ("MASK", "BLEND"):
             cutoff = float(material.get("alphaCutoff", 0.5)) if mode == "MASK" else 0.5
             alpha = image[1] if image is not None else None
             where = f"{self._name}: material {name!r}"
             opacity = cut_out(alpha, linear_rgba[3], cutoff, where, is_mask=mode == "MASK")
-        red, green, blue = srgb(np.clip(linear_rgba[:3], 0, 1)).tolist()
+        red, green, blue = srgb(linear_rgba[:3]).tolist()
         colors = None if image is None else multiply_image(image[0], linear_rgba[:3])
         # Of the image alone, before the factor.
         least = 255 * min(cutoff / max(linear_rgba[3], 1e-9), 2.0)

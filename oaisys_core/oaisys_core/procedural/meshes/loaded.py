@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb, linear
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.images import MESH_TEXTURE
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.scene import MeshMaterial
@@ -18,6 +19,9 @@ from oaisys_core.types import FloatArray, ShortRepr
 
 OPAQUE, HALF = 255, 127.5
 """Opacity of a surface without holes, and the least one of a surface."""
+
+MAX_MATERIALS = 65_536
+"""Materials of a mesh, as each triangle has the number of one in 16 bits."""
 
 GREY = 128
 """Byte of a part without any colour beside parts that have one."""
@@ -53,8 +57,12 @@ class LoadedMesh(ShortRepr):
         return self.materials[0].color_image_srgb if self.materials else None
 
 
-def merge_parts(name: str, parts: Sequence[LoadedMesh]) -> LoadedMesh:
-    """Return several meshes as one of the given name; each part keeps its materials."""
+def merge_parts(name: str, parts: Sequence[LoadedMesh], field: str = "mesh") -> LoadedMesh:
+    """Return several meshes as one of the given name; each part keeps its materials.
+
+    Raises:
+        InvalidInputError: They have more than `MAX_MATERIALS`; the error has ``field``.
+    """
     if len(parts) == 1:
         return replace(parts[0], name=name)
     starts = np.cumsum([0] + [len(part.vertices_m) for part in parts[:-1]])
@@ -68,13 +76,16 @@ def merge_parts(name: str, parts: Sequence[LoadedMesh]) -> LoadedMesh:
     if not any(part.materials for part in parts):
         return replace(merged, vertex_colors_srgb=_colors(parts, GREY))
     materials, material_of = _materials(parts)
+    if len(materials) > MAX_MATERIALS:
+        expected = f"a mesh of at most {MAX_MATERIALS} materials, not {len(materials)}"
+        raise InvalidInputError(field, name, expected)
     known = any(part.uv is not None for part in parts)
     return replace(
         merged,
         uv=np.concatenate([_uv(part) for part in parts]) if known else None,
         vertex_colors_srgb=_colors(parts, 255),
         materials=materials,
-        material_of=material_of,
+        material_of=material_of.astype(np.uint16),
     )
 
 
@@ -95,7 +106,7 @@ def _colors(parts: Sequence[LoadedMesh], missing: int) -> NDArray[np.uint8] | No
     return np.concatenate(found)
 
 
-def _materials(parts: Sequence[LoadedMesh]) -> tuple[tuple[MeshMaterial, ...], NDArray[np.uint16]]:
+def _materials(parts: Sequence[LoadedMesh]) -> tuple[tuple[MeshMaterial, ...], NDArray[np.int64]]:
     materials: list[MeshMaterial] = []
     places: dict[int, int] = {}
     of_parts = []
@@ -109,7 +120,7 @@ def _materials(parts: Sequence[LoadedMesh]) -> tuple[tuple[MeshMaterial, ...], N
             index.append(places[id(material)])
         which = part.material_of
         which = np.zeros(len(part.triangles), np.uint16) if which is None else which
-        of_parts.append(np.array(index, np.uint16)[which])
+        of_parts.append(np.array(index)[which])
     return tuple(materials), np.concatenate(of_parts)
 
 

@@ -77,6 +77,15 @@ def test_the_second_coordinates_are_used_where_a_texture_says_so(tmp_path: Path)
     assert uv[1, 1] == (0.5, 1.0)
 
 
+def test_lacking_coordinates_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = GltfFile()
+    texture = file.texture(np.zeros((2, 2, 3), np.uint8)) | {"texCoord": 1}
+    file.square(base_color(baseColorTexture=texture))
+    with caplog.at_level(logging.WARNING):
+        load_mesh(file.save(tmp_path / "a.gltf"))
+    assert "thing: lacks TEXCOORD_1, by which its image lies" in caplog.text
+
+
 def test_a_texture_transform_moves_the_coordinates(tmp_path: Path) -> None:
     file = GltfFile()
     texture = file.texture(np.zeros((2, 2, 3), np.uint8))

@@ -15,6 +15,8 @@ from trimesh.visual.material import PBRMaterial
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.meshes.files import load_mesh
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
+from oaisys_core.scene import MeshMaterial
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 
@@ -258,3 +260,16 @@ def test_a_bad_mesh_is_refused_with_blender(tmp_path: Path) -> None:
     told = in_blender("files.refused_stage", SMALL | {"backend": "blender"}, stage)
     assert "stage.mesh.file" in told
     assert f"line {line}" in told
+
+
+def test_more_materials_than_have_numbers_are_refused() -> None:
+    def part(index: int) -> LoadedMesh:
+        corners = np.array([[0, 1, 2]], np.int32)
+        return LoadedMesh("p", np.eye(3), corners, materials=(MeshMaterial(str(index)),))
+
+    parts = [part(index) for index in range(65_536)]
+    most = merge_parts("m", parts, "file")
+    assert most.material_of is not None
+    assert most.material_of[-1] == 65_535
+    with pytest.raises(InvalidInputError, match="at most 65536 materials, not 65537"):
+        merge_parts("m", [*parts, part(-1)], "file")
