@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from oaisys_core.errors import quote
-from oaisys_core.procedural.meshes.obj_statements import file_name, logical_lines, shown_name
+from oaisys_core.procedural.meshes.obj_statements import file_name, logical_lines, name_text
 
 READ = frozenset((b"kd", b"d", b"tr", b"map_kd", b"map_d"))
 
@@ -112,7 +112,7 @@ class MtlMaterial:
             words = words[1:]
         found = [_number(word) for word in words]
         if len(found) not in counts or not all(-TOLERANCE <= n <= 1 + TOLERANCE for n in found):
-            shown = quote(shown_name(value))
+            shown = quote(name_text(value))
             raise ValueError(f"{what}, not {shown}: {self._where}, line {line}")
         return tuple(min(max(number, 0.0), 1.0) for number in found)
 
@@ -143,14 +143,14 @@ class MtlStatements:
         for line, text in logical_lines(data):
             key, value = _split(text)
             if key == b"newmtl":
-                name = shown_name(value)
+                name = name_text(value)
                 if name in self.materials:
                     self.repeated[name] = None
                 current = self.materials[name] = MtlMaterial(file)
             elif key in READ:
                 current.add(line, key, value)
             elif key and not key.startswith(b"#") and key not in LEFT_OUT:
-                self.unknown[shown_name(key)] = None
+                self.unknown[name_text(key)] = None
 
 
 def _split(text: bytes) -> tuple[bytes, bytes]:
@@ -183,7 +183,7 @@ def _texture(value: bytes, where: str) -> TextureMap:
         offset,
         _choice(options, b"-clamp", ("off", "on"), where) == "on",
         _choice(options, b"-imfchan", ("", "r", "g", "b", "m", "l"), where),
-        tuple(shown_name(key) for key, words in options.items() if _has_effect(key, words)),
+        tuple(name_text(key) for key, words in options.items() if _has_effect(key, words)),
     )
 
 
@@ -193,7 +193,7 @@ def _pair(
     words = options.get(key)
     numbers = [default] if words is None else [_number(word) for word in words]
     if not numbers or not all(map(math.isfinite, numbers)):
-        shown = quote(shown_name(b" ".join(words or ())))
+        shown = quote(name_text(b" ".join(words or ())))
         raise ValueError(f"{key.decode()} with one to three numbers, not {shown}: {where}")
     return (numbers[0], numbers[1] if len(numbers) > 1 else default)
 
@@ -204,7 +204,7 @@ def _choice(
     """Return the word of an option, the first of those allowed if it is not there."""
     if key not in options:
         return allowed[0]
-    word = shown_name(b" ".join(options[key])).lower()
+    word = name_text(b" ".join(options[key])).lower()
     if word not in allowed or not word:
         expected = ", ".join(filter(None, allowed))
         raise ValueError(f"{key.decode()} with one of {expected}, not {quote(word)}: {where}")

@@ -58,7 +58,7 @@ class ObjStatements:
         group_of: (F,) index of each face into ``groups``.
         groups: In the order of the file.
         libraries: What stands behind ``mtllib``, once each, as `file_name` returns it.
-        materials: What stands behind ``usemtl``, once each, as `shown_name` returns it.
+        materials: What stands behind ``usemtl``, once each, as `name_text` returns it.
         unknown: The first keywords that the specification does not have.
     """
 
@@ -166,14 +166,14 @@ class ObjStatements:
                 try:
                     readers[key](line, words)
                 except (ValueError, OverflowError) as error:
-                    shown = quote(shown_name(text.strip()))
+                    shown = quote(name_text(text.strip()))
                     raise ValueError(f"{error}, not {shown}: line {line}") from error
             elif key not in LEFT_OUT:
                 self._name(line, key, text.strip()[len(key) :].strip())
 
     def _name(self, line: int, key: bytes, value: bytes) -> None:
         """Take what changes the names of the faces that follow."""
-        name = shown_name(value)
+        name = name_text(value)
         if key == b"mtllib":
             self.libraries[file_name(value)] = None
         elif key == b"usemtl":
@@ -184,7 +184,7 @@ class ObjStatements:
         elif key in REFUSED:
             raise ValueError(f"{REFUSED[key]}: line {line}")
         elif len(self.unknown) < MAX_UNKNOWN:
-            self.unknown[shown_name(key)] = None
+            self.unknown[name_text(key)] = None
 
     def _vertex(self, line: int, words: Sequence[bytes]) -> None:
         numbers = _floats(words[1:])
@@ -249,12 +249,12 @@ class ObjStatements:
                 into.append(int(each) if each or into is self._corners[0] else ABSENT)
 
 
-def shown_name(name: bytes) -> str:
+def name_text(name: bytes) -> str:
     r"""Return a name as text that can be shown, other bytes than those of UTF-8 as numbers.
 
     So different names stay different, in whatever encoding.
 
-    >>> shown_name(b"M\xfcll")
+    >>> name_text(b"M\xfcll")
     'M\\xfcll'
     """
     return name.decode("utf-8", errors="backslashreplace")
