@@ -83,7 +83,7 @@ def drive(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjust, load_config
     from oaisys_core.drive.drive import Drive, drive_section
-    from oaisys_core.files.folders import owned_folder
+    from oaisys_core.files.folders import own_folder
     from oaisys_core.simulation import Simulation
 
     if out is None:
@@ -104,7 +104,7 @@ def drive(
             if not planned.sample_count():
                 expected = "a drive so long that an image or a scan is due"
                 raise InvalidInputError("drive", f"{planned.duration_s:g} s", expected)
-            with owned_folder(out):
+            with own_folder(out):
                 recorded = _record(simulation, planned, chosen, out, open_bag, unavailable)
         finally:
             simulation.close()

@@ -41,7 +41,7 @@ def make_folder(folder: Path, field: str = "out") -> Path:
 
 
 @contextmanager
-def owned_folder(folder: Path, field: str = "out") -> Iterator[Path]:
+def own_folder(folder: Path, field: str = "out") -> Iterator[Path]:
     """Make a folder for output, and keep other commands out of it during a block; yield it.
 
     The lock is one of the folder itself, leaves no file, and ends with its process.

@@ -11,7 +11,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations import Calibration
 from oaisys_core.files.calibrations.robots import Robot
 from oaisys_core.importing.robot_mesh import robot_mesh
-from oaisys_core.procedural.meshes.gltf_writer import write_glb
+from oaisys_core.procedural.meshes.gltf_format.gltf_writer import write_glb
 
 LABEL, SEMANTIC_ID = "robot", 60
 WAY_M, STEP_M = ((4.0, 0.0), (12.0, 0.0)), 0.25

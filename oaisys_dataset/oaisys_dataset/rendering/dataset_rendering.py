@@ -14,7 +14,7 @@ from typing import Any
 
 from oaisys_core.config import SimulationConfig, canonical_json, config_sha256
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.files.folders import owned_folder
+from oaisys_core.files.folders import own_folder
 from oaisys_core.world.config_files import name_faults
 from oaisys_dataset.card.statistics import class_shares
 from oaisys_dataset.manifest import DatasetInfo, WorldFailure
@@ -112,7 +112,7 @@ class DatasetRendering:
             NotReadyError: Another command is writing to it.
         """
         folder = self._place.folder
-        with nullcontext() if folder is None else owned_folder(folder):
+        with nullcontext() if folder is None else own_folder(folder):
             self._place.delete_parts()
             earlier = _head(self._place)
             if earlier is not None and not is_resumed:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError, RenderError
-from oaisys_core.files.folders import owned_folder
+from oaisys_core.files.folders import own_folder
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.system.ending.signals import defer_signals
 from oaisys_core.system.processes import ManagedProcess
@@ -98,7 +98,7 @@ def bring_up(
     """
     require_namespace(options.namespace)
     with ExitStack() as stack:
-        stack.enter_context(owned_folder(options.out))
+        stack.enter_context(own_folder(options.out))
         config_path = write_config(options)
         sensors = read_sensors(config_path)
         wanted = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensors.modalities)

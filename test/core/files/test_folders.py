@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.files.folders import make_folder, owned_folder
+from oaisys_core.files.folders import make_folder, own_folder
 
 
 def test_a_folder_is_made_with_those_above_it(tmp_path: Path) -> None:
@@ -36,11 +36,11 @@ def test_a_full_disk_is_no_fault_of_the_name(
 
 def test_a_folder_has_one_owner_at_a_time_and_keeps_no_file_of_it(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    with owned_folder(folder) as owned:
+    with own_folder(folder) as owned:
         assert owned == folder
-        another = owned_folder(folder)
+        another = own_folder(folder)
         with pytest.raises(NotReadyError, match=r"out: another command is writing to it"):
             another.__enter__()
         assert list(folder.iterdir()) == []
-    with owned_folder(folder):
+    with own_folder(folder):
         pass

@@ -12,9 +12,9 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.mesh_headers import check_mesh_file
 from oaisys_core.procedural.meshes.blender_files import BLENDER_SUFFIXES, load_by_blender
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
-from oaisys_core.procedural.meshes.gltf import load_gltf
+from oaisys_core.procedural.meshes.gltf_format.gltf import load_gltf
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32, merge_parts
-from oaisys_core.procedural.meshes.obj import load_obj
+from oaisys_core.procedural.meshes.obj_format.obj import load_obj
 from oaisys_core.procedural.meshes.trimesh_files import load_by_trimesh
 from oaisys_core.types import FloatArray
 

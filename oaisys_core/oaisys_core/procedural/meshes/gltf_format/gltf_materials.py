@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.color import srgb
 from oaisys_core.errors import quote
 from oaisys_core.procedural.meshes.cut_outs import cut_out
-from oaisys_core.procedural.meshes.gltf_accessors import Accessors, data_of_uri
+from oaisys_core.procedural.meshes.gltf_format.gltf_accessors import Accessors, data_of_uri
 from oaisys_core.procedural.meshes.loaded import decode_texture, multiply_image
 from oaisys_core.scene import MeshMaterial, Wrap
 from oaisys_core.types import FloatArray

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import transform_points
-from oaisys_core.procedural.meshes.gltf_accessors import Accessors
-from oaisys_core.procedural.meshes.gltf_nodes import poses_of_nodes
+from oaisys_core.procedural.meshes.gltf_format.gltf_accessors import Accessors
+from oaisys_core.procedural.meshes.gltf_format.gltf_nodes import poses_of_nodes
 from oaisys_core.types import FloatArray
 
 TYPES = {

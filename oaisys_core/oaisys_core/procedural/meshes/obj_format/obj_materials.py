@@ -15,7 +15,11 @@ from oaisys_core.color import linear
 from oaisys_core.errors import show_field
 from oaisys_core.procedural.meshes.cut_outs import cut_out
 from oaisys_core.procedural.meshes.loaded import decode_texture, multiply_image
-from oaisys_core.procedural.meshes.mtl_statements import MtlMaterial, MtlStatements, TextureMap
+from oaisys_core.procedural.meshes.obj_format.mtl_statements import (
+    MtlMaterial,
+    MtlStatements,
+    TextureMap,
+)
 from oaisys_core.procedural.meshes.references import FileReferences
 from oaisys_core.scene import MeshMaterial, Wrap
 from oaisys_core.types import FloatArray

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from oaisys_core.procedural.meshes.files import load_mesh
-from oaisys_core.procedural.meshes.gltf_writer import write_glb
+from oaisys_core.procedural.meshes.gltf_format.gltf_writer import write_glb
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.scene import MeshMaterial
 

@@ -8,7 +8,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from oaisys_core.errors import quote
-from oaisys_core.procedural.meshes.obj_statements import file_name, logical_lines, name_text
+from oaisys_core.procedural.meshes.obj_format.obj_statements import (
+    file_name,
+    logical_lines,
+    name_text,
+)
 
 READ = frozenset((b"kd", b"d", b"tr", b"map_kd", b"map_d"))
 

@@ -1,0 +1,1 @@
+"""Meshes in Wavefront OBJ files, and their materials."""
