@@ -11,28 +11,34 @@ from collections.abc import Callable
 from math import ceil
 from typing import NamedTuple
 
-from oaisys_core.errors import quote
-
 FORMATS = "PNG, JPEG, TIFF, BMP, WebP or PNM"
 
 _TAGS = {
     256: "width",
     257: "height",
+    258: "bits",
+    259: "compression",
+    262: "meaning",
+    274: "orientation",
     277: "samples",
     322: "tile_width",
     323: "tile_height",
-    258: "bits",
-    262: "meaning",
-    274: "orientation",
+    338: "extra",
 }
-_TIFF_VALUES = {3: "H", 4: "I", 16: "Q"}
+_TIFF_VALUES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 _MAX_TAGS = 4096
+_TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MOST_BITS = 64
+MAX_SAMPLES = 4
+"""Of a pixel of a picture in TIFF."""
+MIN_IS_WHITE, MIN_IS_BLACK, RGB, PALETTE, CMYK, YCBCR = 0, 1, 2, 3, 5, 6
+"""Meanings of a TIFF file's samples."""
+ASSOCIATED_ALPHA, UNASSOCIATED_ALPHA = 1, 2
+"""Meanings of an extra sample: with the first, colours are multiplied by opacity."""
 _NO_FRAME = (0xC4, 0xC8, 0xCC)
 """Markers among those of a JPEG's frames that are none: tables and extensions."""
 _PNM_GAP = rb"(?:\s|#[^\n]*\n)+"
 _PNM_SIZE = rb"P[1-6]" + _PNM_GAP + rb"(\d{1,9})" + _PNM_GAP + rb"(\d{1,9})"
-_LONGEST_TEXT_HEADER = 65_536
 
 
 def image_size(data: bytes) -> tuple[int, int]:
@@ -77,14 +83,11 @@ def values_of(data: bytes) -> StoredValues:
         if data.startswith(b"\x89PNG"):
             has_palette = data[25] == 3
             return StoredValues() if has_palette else StoredValues(2 ** data[24] - 1)
-        if data[:2] in (b"II", b"MM"):
-            tags = _tiff_tags(data)
-            if tags.get("meaning") == 3:  # a palette
+        if is_tiff(data):
+            header = tiff_header(data)
+            if header.meaning == PALETTE:
                 return StoredValues()
-            bits = tags.get("bits", 1)
-            if bits > _MOST_BITS:
-                raise ValueError(f"it has values of {bits} bits, more than {_MOST_BITS}")
-            return StoredValues(2**bits - 1, starts_white=tags.get("meaning") == 0)
+            return StoredValues(2**header.bits - 1, starts_white=header.meaning == MIN_IS_WHITE)
         if data.startswith(b"BM") and data[28:30] == b"\x10\0":
             return StoredValues(31)
         if data.startswith(b"P"):
@@ -103,75 +106,58 @@ def _pnm_values(data: bytes) -> StoredValues:
     return StoredValues(int(found[3]), is_scaled=False)
 
 
-class RadianceHeader(NamedTuple):
-    """What the header of a Radiance (``.hdr``) file says.
+class TiffHeader(NamedTuple):
+    """What the tags of a TIFF file's first image say about its samples.
 
     Attributes:
-        width: Of the image.
-        height: Of the image.
-        start: Place of the pixels in the file.
-        factors: By which red, green and blue were multiplied when the file was written.
+        samples: Of each pixel.
+        bits: Of each sample.
+        meaning: Of samples, the tag PhotometricInterpretation.
+        compression: Its number.
+        extra: Meaning of the last sample beside the colours, the tag ExtraSamples; None: there is
+            no such tag.
+        orientation: Where the first row and column belong, 1 to 8: 1 is at the top and left.
     """
 
-    width: int
-    height: int
-    start: int
-    factors: tuple[float, float, float]
+    samples: int = 1
+    bits: int = 1
+    meaning: int = 1
+    compression: int = 1
+    extra: int | None = None
+    orientation: int = 1
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether the last sample is opacity."""
+        return self.samples in (2, 4) and self.extra in (ASSOCIATED_ALPHA, UNASSOCIATED_ALPHA)
 
 
-def radiance_header(data: bytes) -> RadianceHeader:
-    """Return the header of a Radiance file.
-
-    Raises:
-        ValueError: It is no such file, its rows do not go from the top to the bottom, its pixels
-            are not red, green and blue, or an exposure is no number above 0.
-    """
-    head = data[:_LONGEST_TEXT_HEADER]
-    found = re.match(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n-Y (\d{1,9}) \+X (\d{1,9})\n", head)
-    formats = [] if found is None else re.findall(rb"\nFORMAT=[ \t]*(\S*)", found[0])
-    if found is None or not formats:
-        raise ValueError("it is not a Radiance file with rows from the top to the bottom")
-    for other in {*formats} - {b"32-bit_rle_rgbe"}:
-        raise ValueError(f"its pixels are {_text(other)}, not 32-bit_rle_rgbe")
-    factors = _radiance_factors(found[0])
-    return RadianceHeader(int(found[2]), int(found[1]), found.end(), factors)
+def is_tiff(data: bytes) -> bool:
+    """Return whether a file begins as a TIFF file does."""
+    return data.startswith(_TIFF_STARTS)
 
 
-def _radiance_factors(head: bytes) -> tuple[float, float, float]:
-    """Return the product of all exposures and colour corrections in a Radiance file's header."""
-    product = [1.0, 1.0, 1.0]
-    for name, text in re.findall(rb"\n(EXPOSURE|COLORCORR)=([^\n]*)", head):
-        try:
-            values = [float(value) for value in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != (1 if name == b"EXPOSURE" else 3) or not all(map(_is_factor, values)):
-            raise ValueError(f"its header says {_text(name + b'=' + text)}")
-        of_colors = values * (3 // len(values))
-        product = [all_ * each for all_, each in zip(product, of_colors, strict=True)]
-    if not all(map(_is_factor, product)):
-        raise ValueError(f"the exposures and colour corrections in its header make {product}")
-    return product[0], product[1], product[2]
-
-
-def _is_factor(value: float) -> bool:
-    return 1e-30 < value < 1e30
-
-
-def _text(data: bytes) -> str:
-    return quote(data.decode("ascii", "replace"))
-
-
-def tiff_orientation(data: bytes) -> int:
-    """Return where a TIFF file's first row and column belong, 1 to 8: 1 is at the top and left.
+def tiff_header(data: bytes) -> TiffHeader:
+    """Return what a TIFF file says about its samples.
 
     Raises:
-        ValueError: Its header is damaged.
+        ValueError: Its header is damaged, or its samples have different or too many bits.
     """
     try:
-        return _tiff_tags(data).get("orientation", 1)
+        tags = _tiff_tags(data)
     except (struct.error, KeyError) as error:
         raise ValueError("its header is damaged") from error
+    bits = tags.get("bits", (1,))
+    if len(set(bits)) != 1:
+        raise ValueError(f"its channels have different bits: {', '.join(map(str, bits))}")
+    if bits[0] > _MOST_BITS:
+        raise ValueError(f"it has values of {bits[0]} bits, more than {_MOST_BITS}")
+    firsts = {
+        name: tags[name][0]
+        for name in ("samples", "meaning", "compression", "orientation")
+        if name in tags
+    }
+    return TiffHeader(bits=bits[0], extra=tags["extra"][-1] if "extra" in tags else None, **firsts)
 
 
 def _png(data: bytes) -> tuple[int, int]:
@@ -205,16 +191,16 @@ def _jpeg(data: bytes) -> tuple[int, int]:
 
 def _tiff(data: bytes) -> tuple[int, int]:
     """Return the size of a TIFF file's first image, rounded up to whole tiles."""
-    found = _tiff_tags(data)
-    if found.get("samples", 1) > 4:
-        raise ValueError(f"it has {found['samples']} channels, more than 4")
+    found = {name: values[0] for name, values in _tiff_tags(data).items()}
+    if found.get("samples", 1) > MAX_SAMPLES:
+        raise ValueError(f"it has {found['samples']} channels, more than {MAX_SAMPLES}")
     width, height = found["width"], found["height"]
     tile_width, tile_height = found.get("tile_width", 1), found.get("tile_height", 1)
     return _whole(width, tile_width), _whole(height, tile_height)
 
 
-def _tiff_tags(data: bytes) -> dict[str, int]:
-    """Return the numbers in the tags of a TIFF file's first image, of several the first."""
+def _tiff_tags(data: bytes) -> dict[str, tuple[int, ...]]:
+    """Return the first numbers in the tags of a TIFF file's first image."""
     order = "<" if data[:2] == b"II" else ">"
     is_big = struct.unpack(order + "H", data[2:4])[0] == 43
     word, entry_bytes = ("Q", 20) if is_big else ("I", 12)
@@ -224,7 +210,7 @@ def _tiff_tags(data: bytes) -> dict[str, int]:
     place += 8 if is_big else 2
     if count > _MAX_TAGS:
         raise ValueError(f"it has {count} tags, more than {_MAX_TAGS}")
-    found: dict[str, int] = {}
+    found: dict[str, tuple[int, ...]] = {}
     for number in range(count):
         at = place + number * entry_bytes
         tag, kind = struct.unpack_from(order + "HH", data, at)
@@ -235,10 +221,12 @@ def _tiff_tags(data: bytes) -> dict[str, int]:
             raise ValueError(f"it has tag {tag} twice")
         form = _TIFF_VALUES[kind]
         (length,) = struct.unpack_from(order + word, data, at + 4)
+        if length < 1:
+            raise ValueError("its header is damaged")
         value_at = at + entry_bytes - word_bytes
-        if name == "bits" and length * struct.calcsize(form) > word_bytes:
+        if length * struct.calcsize(form) > word_bytes:
             (value_at,) = struct.unpack_from(order + word, data, value_at)
-        (found[name],) = struct.unpack_from(order + form, data, value_at)
+        found[name] = struct.unpack_from(f"{order}{min(length, MAX_SAMPLES)}{form}", data, value_at)
     return found
 
 
@@ -280,10 +268,7 @@ def _pnm(data: bytes) -> tuple[int, int]:
 _KINDS: dict[bytes, Callable[[bytes], tuple[int, int]]] = {
     b"\x89PNG\r\n\x1a\n": _png,
     b"\xff\xd8\xff": _jpeg,
-    b"II*\0": _tiff,
-    b"MM\0*": _tiff,
-    b"II+\0": _tiff,
-    b"MM\0+": _tiff,
+    **dict.fromkeys(_TIFF_STARTS, _tiff),
     b"BM": _bmp,
     b"RIFF": _webp,
     **{b"P%d" % kind: _pnm for kind in range(1, 7)},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +17,10 @@ from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_headers import (
     StoredValues,
     image_size,
-    radiance_header,
+    is_tiff,
     values_of,
 )
+from oaisys_core.files.radiance import has_new_runs, plain_radiance, radiance_header
 from oaisys_core.types import MAX_IMAGE_PX
 
 _BYTES_PER_PIXEL = 16
@@ -31,6 +34,9 @@ _EXR_CHANNELS = 8
 
 _EXR_CHROMA = ("RY", "BY")
 """Channels that make the luminance in Y a colour."""
+
+_TEXT_PNM = (b"P1", b"P2", b"P3")
+"""Beginnings of files whose pixels are text."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,7 @@ def read_pixels(path: Path, use: ImageUse, flags: int | None = None) -> NDArray[
     Args:
         path: The file.
         use: Bounds its size.
-        flags: Of ``cv2.imdecode``; None: as the file is.
+        flags: Of ``cv2.imdecode``: those of an image that becomes grey; None: as the file is.
 
     Raises:
         InvalidInputError: It is too large, or cannot be read.
@@ -117,12 +123,23 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
     import cv2
 
     try:
-        use.check(*image_size(data), name)
+        size = image_size(data)
         values = values_of(data)
     except ValueError as error:
         raise use.refusal(name, error) from error
+    use.check(*size, name)
     _check_values(values, use, name)
-    return _decode(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
+    if not (is_tiff(data) or data.startswith(b"BM")):
+        image = _decode(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
+        bits = 8 if values.largest.bit_length() <= 8 else 16
+        if image.dtype.itemsize * 8 != bits or sorted(image.shape[:2]) != sorted(size):
+            found = f"{image.shape[1]} x {image.shape[0]} pixels of {image.dtype}"
+            raise use.refusal(name, f"{found}, not {size[0]} x {size[1]} of {bits} bits")
+        return image
+    image = _decode_tiff(data, use, name) if is_tiff(data) else _decode_bmp(data, use, name)
+    if flags is None or image.ndim == 2:
+        return image
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
 
 
 def _check_values(values: StoredValues, use: ImageUse, name: str) -> None:
@@ -152,28 +169,82 @@ def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
 
     data = read_file(path, use)
     try:
-        width, height, start, factors = radiance_header(data)
+        header = radiance_header(data)
+        width, height, start, factors = header
+        use.check(width, height, str(path))
+        if has_new_runs(data, header):
+            # A header of our own, as another reader may find another size in that of the file.
+            head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width)
+            pixels = _decode(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
+        else:
+            pixels = plain_radiance(data, header)[..., ::-1]
     except ValueError as error:
         raise use.refusal(str(path), error) from error
-    use.check(width, height, str(path))
-    # A header of our own, because another reader may find another size in that of the file.
-    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width)
-    pixels = _decode(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
     if factors != (1.0, 1.0, 1.0):
         pixels /= np.asarray(factors[::-1], np.float32)
     return pixels
 
 
 def _decode(data: bytes, use: ImageUse, name: str, flags: int) -> NDArray[Any]:
+    """Return what OpenCV reads."""
     import cv2
 
+    # The last number of a text may end the file, which OpenCV does not expect.
+    data = data + b"\n" if data.startswith(_TEXT_PNM) else data
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        with _quiet:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise use.refusal(name, error.err) from error
     if image is None:
         raise use.refusal(name, "its pixels are damaged")
     return np.asarray(image)
+
+
+class _Quiet:
+    """Keeps OpenCV from writing lines before an error of ours, while any thread is inside."""
+
+    def __init__(self) -> None:
+        self._lock, self._inside, self._level = threading.Lock(), 0, 0
+
+    def __enter__(self) -> None:
+        import cv2
+
+        with self._lock:
+            if self._inside == 0:
+                self._level = cv2.setLogLevel(0)
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        import cv2
+
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                cv2.setLogLevel(self._level)
+
+
+_quiet = _Quiet()
+
+
+def _decode_tiff(data: bytes, use: ImageUse, name: str) -> NDArray[Any]:
+    from oaisys_core.files.tiff_pixels import read_tiff  # which imports this module
+
+    return read_tiff(data, use, name)
+
+
+def _decode_bmp(data: bytes, use: ImageUse, name: str) -> NDArray[np.uint8]:
+    """Return what Pillow reads: OpenCV takes some headers for others."""
+    from PIL.BmpImagePlugin import BmpImageFile
+
+    try:
+        with BmpImageFile(io.BytesIO(data)) as image:
+            is_grey = image.mode in ("1", "L")
+            mode = "L" if is_grey else "RGBA" if image.mode == "RGBA" else "RGB"
+            pixels = np.asarray(image.convert(mode))
+    except (OSError, ValueError, SyntaxError) as error:
+        raise use.refusal(name, error) from error
+    return pixels if is_grey else np.ascontiguousarray(pixels[..., [2, 1, 0, 3][: pixels.shape[2]]])
 
 
 def check_exr(file: Any, use: ImageUse, name: str) -> None:

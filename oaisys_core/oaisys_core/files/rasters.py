@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.image_headers import MAX_SAMPLES
 from oaisys_core.files.images import ImageUse, read_file
 
 MAX_BANDS = 64
@@ -51,6 +54,21 @@ _ALONE = {
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none",
     "PROJ_NETWORK": "OFF",
 }
+
+_opening = threading.Lock()
+
+
+@contextmanager
+def without_georeference() -> Iterator[None]:
+    """Let images be opened that are no maps, without a warning, by one thread at a time.
+
+    Filters of warnings belong to all threads.
+    """
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        yield
 
 
 @contextmanager
@@ -183,7 +201,8 @@ def _check_blocks(file: Any, use: ImageUse, name: str) -> None:
         expected = f"{use.name} of at most {MAX_BANDS} bands, not {file.count}"
         raise InvalidInputError(use.field, name, expected)
     is_mixed = file.interleaving is not None and file.interleaving.value == "PIXEL"
-    together = file.count if is_mixed else 1
+    # A picture in one strip is no more than the picture.
+    together = max(file.count // MAX_SAMPLES, 1) if is_mixed else 1
     for rows, columns in file.block_shapes:
         # A block is decoded as a whole, however small the image is.
         use.check(columns, rows * together, name)

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import threading
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import RenderError
 from oaisys_core.files.images import FRAME
-from oaisys_core.files.rasters import open_geotiff
+from oaisys_core.files.rasters import open_geotiff, without_georeference
 
 NO_PREDICTOR, FLOATING_POINT = 1, 3
 """Numbers of predictors in TIFF files."""
-
-_opening = threading.Lock()
 
 
 def encode_floats(data: NDArray[Any]) -> bytes:
@@ -54,7 +48,7 @@ def encode(data: NDArray[Any], **options: Any) -> bytes:
     shape = {"height": height, "width": width, "count": count, "dtype": data.dtype}
     try:
         with MemoryFile() as memory:
-            with _without_georeference():
+            with without_georeference():
                 file = memory.open(driver="GTiff", **shape, **options)
             with file:
                 file.write(planes)
@@ -69,17 +63,6 @@ def decode(file: bytes, name: str) -> NDArray[Any]:
     Raises:
         InvalidInputError: It cannot be read.
     """
-    with _without_georeference(), open_geotiff(file, FRAME, name) as image:
+    with without_georeference(), open_geotiff(file, FRAME, name) as image:
         planes: NDArray[Any] = image.read()
     return planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
-
-
-@contextmanager
-def _without_georeference() -> Iterator[None]:
-    """Let images be opened that are no maps, without a warning, by one thread at a time.
-
-    Filters of warnings belong to all threads.
-    """
-    with _opening, warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        yield

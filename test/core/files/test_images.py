@@ -25,7 +25,7 @@ from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import DocumentError
-from oaisys_core.files.image_headers import image_size, radiance_header
+from oaisys_core.files.image_headers import image_size
 from oaisys_core.files.images import (
     ELEVATION,
     FRAME,
@@ -35,6 +35,7 @@ from oaisys_core.files.images import (
     decode_pixels,
     read_pixels,
 )
+from oaisys_core.files.radiance import radiance_header
 from oaisys_core.files.rasters import open_geotiff
 from oaisys_core.output import exr
 from oaisys_core.output.images import decode_image

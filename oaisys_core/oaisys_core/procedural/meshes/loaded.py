@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb, linear
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import MESH_TEXTURE
+from oaisys_core.files.image_headers import is_tiff, tiff_header
+from oaisys_core.files.images import MESH_TEXTURE, decode_pixels
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr
@@ -141,16 +142,48 @@ def as_float32(mesh: LoadedMesh) -> LoadedMesh:
 def decode_texture(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Return the (H, W, 3) colours and the (H, W) alpha, if any, of a checked image's file.
 
+    TIFF images are read as those of the ground are: floats are linear.
+
     Raises:
         InvalidInputError: It cannot be decoded; the error has its name.
     """
     from PIL import Image
 
+    if is_tiff(data):
+        return _split_tiff(data, name)
     try:
         with Image.open(io.BytesIO(data)) as image:
             return split_image(image)
     except (OSError, ValueError, SyntaxError) as error:
         raise MESH_TEXTURE.refusal(name, error) from error
+
+
+def tiff_as_png(data: bytes, name: str) -> bytes:
+    """Return the PNG file, of 8 bits, of a checked TIFF image; errors as of `decode_texture`."""
+    import cv2
+
+    colors, alpha = _split_tiff(data, name)
+    pixels = colors[..., ::-1] if alpha is None else np.dstack([colors[..., ::-1], alpha])
+    fast = (cv2.IMWRITE_PNG_COMPRESSION, 0)
+    _, file = cv2.imencode(".png", np.ascontiguousarray(pixels), fast)
+    return bytes(file)
+
+
+def _split_tiff(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    pixels = decode_pixels(data, MESH_TEXTURE, name)
+    if not np.isfinite(pixels).all():
+        raise InvalidInputError(MESH_TEXTURE.field, name, "a mesh's texture of finite numbers")
+    is_float = pixels.dtype.kind == "f"
+    if not is_float:
+        pixels = pixels / np.float32(np.iinfo(pixels.dtype).max)
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[..., None], 3, axis=2)
+    shares = np.clip(pixels, 0, 1)
+    colors = shares[..., 2::-1]
+    colors = encode_srgb(colors) if is_float else np.rint(255 * colors).astype(np.uint8)
+    has_alpha = tiff_header(data).has_alpha
+    alpha = np.rint(255 * shares[..., 3]).astype(np.uint8) if has_alpha else None
+    return np.ascontiguousarray(colors), alpha
 
 
 def split_image(image: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.stage import DemConfig, DemWindowConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_headers import tiff_orientation
+from oaisys_core.files.image_headers import tiff_header
 from oaisys_core.files.images import ELEVATION, ImageUse, decode_pixels, read_file
 from oaisys_core.files.rasters import open_large_geotiff, open_raster
 from oaisys_core.output import exr
@@ -194,7 +194,7 @@ def _from_window(file: Any, config: DemConfig, window: DemWindowConfig, field: s
 def _check_upright(data: bytes, path: Path, field: str) -> None:
     """Raise if the rows of a TIFF without a place do not go from the top to the bottom."""
     try:
-        orientation = tiff_orientation(data)
+        orientation = tiff_header(data).orientation
     except ValueError as error:
         raise use_of(field).refusal(str(path), error) from error
     if orientation != 1:
