@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,12 +27,6 @@ _BYTES_PER_PIXEL = 16
 
 _HEADER_BYTES = 1_000_000
 """What a file may have besides pixels."""
-
-_EXR_CHANNELS = 8
-"""Channels of an EXR file with as many pixels as it may have."""
-
-_EXR_CHROMA = ("RY", "BY")
-"""Channels that make the luminance in Y a colour."""
 
 _TEXT_PNM = (b"P1", b"P2", b"P3")
 """Beginnings of files whose pixels are text."""
@@ -245,47 +238,3 @@ def _decode_bmp(data: bytes, use: ImageUse, name: str) -> NDArray[np.uint8]:
     except (OSError, ValueError, SyntaxError) as error:
         raise use.refusal(name, error) from error
     return pixels if is_grey else np.ascontiguousarray(pixels[..., [2, 1, 0, 3][: pixels.shape[2]]])
-
-
-def check_exr(file: Any, use: ImageUse, name: str) -> None:
-    """Raise unless an EXR file, of which only the headers were read, may be decoded.
-
-    Args:
-        file: ``OpenEXR.File`` with headers.
-        use: Bounds its size.
-        name: Of the file in errors.
-
-    Raises:
-        InvalidInputError: It is too large, or has deep pixels or channels of chroma.
-    """
-    import OpenEXR
-
-    plain = (OpenEXR.scanlineimage, OpenEXR.tiledimage)
-    values = 0
-    for part in file.parts:
-        header = part.header
-        if header.get("type", OpenEXR.scanlineimage) not in plain:
-            raise InvalidInputError(use.field, name, f"{use.name} without deep pixels")
-        low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
-        width, height = (int(each) for each in high - low + 1)
-        use.check(max(width, 0), max(height, 0), name)
-        _check_exr_channels(header["channels"], use, name)
-        values += width * height * len(header["channels"])
-        if "tiles" in header:
-            tile = header["tiles"]
-            use.check(int(tile.xSize), int(tile.ySize), name)
-    if values > use.most_px * _EXR_CHANNELS:
-        expected = f"{use.name} of at most {use.most_px * _EXR_CHANNELS} values, not {values}"
-        raise InvalidInputError(use.field, name, expected)
-
-
-def _check_exr_channels(channels: Sequence[Any], use: ImageUse, name: str) -> None:
-    """Raise if an EXR file has luminance and chroma for colours, or channels of another size."""
-    chroma = [each.name for each in channels if each.name.rpartition(".")[2] in _EXR_CHROMA]
-    if chroma:
-        expected = f"{use.name} with channels R, G and B, not luminance and {', '.join(chroma)}"
-        raise InvalidInputError(use.field, name, expected)
-    coarse = [each.name for each in channels if (each.xSampling, each.ySampling) != (1, 1)]
-    if coarse:
-        expected = f"{use.name} whose channels have each pixel, not as {', '.join(coarse)}"
-        raise InvalidInputError(use.field, name, expected)

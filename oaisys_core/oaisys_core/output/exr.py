@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError, quote
-from oaisys_core.files.images import FRAME, ImageUse, check_exr, read_file
+from oaisys_core.files.exr_headers import check_exr, display_window
+from oaisys_core.files.images import FRAME, ImageUse, read_file
 from oaisys_core.output.files import write_bytes
 
 GREY = "Y"
@@ -68,6 +69,8 @@ def decode_channels(
 ) -> dict[str, NDArray[Any]]:
     """Return the (H, W) channels of an EXR file's bytes, by name; errors call it ``name``.
 
+    They are those of the display window: what is stored beyond it (overscan) is left out.
+
     Raises:
         InvalidInputError: They are no EXR image, or one that ``use`` does not allow.
     """
@@ -81,7 +84,10 @@ def decode_channels(
                 expected = f"{use.name} of one part, not of {len(file.parts)}: {parts}"
                 raise InvalidInputError(use.field, name, expected)
         with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
-            channels = {name: c for part in file.parts for name, c in part.channels.items()}
-            return {name: np.asarray(channel.pixels) for name, channel in channels.items()}
+            return {
+                channel: np.asarray(values.pixels)[display_window(part.header, use, name)]
+                for part in file.parts
+                for channel, values in part.channels.items()
+            }
     except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
         raise use.refusal(name, error) from error

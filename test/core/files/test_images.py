@@ -29,6 +29,7 @@ from oaisys_core.files.image_headers import image_size
 from oaisys_core.files.images import (
     ELEVATION,
     FRAME,
+    SKY,
     TEXTURE,
     USES,
     ImageUse,
@@ -44,6 +45,7 @@ from oaisys_core.procedural.scatter.density import _image as density_image
 from oaisys_core.procedural.terrain import dem
 from oaisys_core.procedural.textures.folder import load_texture_folder
 from oaisys_core.procedural.textures.label_image import load_label_image
+from oaisys_core.procedural.textures.map_pixels import read_map
 from oaisys_core.world.stage_store import load_stage
 
 SIDE = 60_000
@@ -372,6 +374,46 @@ def test_exr_images_whose_channels_lack_pixels_are_refused() -> None:
     data = exr_bytes(OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Y": half}))
     with pytest.raises(InvalidInputError, match=r"each pixel, not as Y"):
         exr.decode_channels(data, "a.exr")
+
+
+def windowed(stored: tuple[int, ...], shown: tuple[int, ...], *channels: str) -> bytes:
+    """An EXR image of counted values, with its windows: left, top, right, bottom."""
+    left, top, right, bottom = stored
+    shape = (bottom - top + 1, right - left + 1)
+    values = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    windows = {
+        name: (np.array(window[:2], np.int32), np.array(window[2:], np.int32))
+        for name, window in (("dataWindow", stored), ("displayWindow", shown))
+    }
+    header = {"type": OpenEXR.scanlineimage, **windows}
+    return exr_bytes(OpenEXR.Part(header, dict.fromkeys(channels, values)))
+
+
+@pytest.mark.parametrize("use", [SKY, TEXTURE, ELEVATION, FRAME], ids=lambda use: use.name)
+@pytest.mark.parametrize(
+    "stored", [(20, 6, 27, 9), (0, 0, 63, 30), (1, 0, 64, 31), (0, 32, 63, 63), (-64, 0, -1, 31)]
+)
+def test_exr_images_that_lack_pixels_that_they_show_are_refused(
+    use: ImageUse, stored: tuple[int, ...]
+) -> None:
+    """Eight pixels were the whole sky."""
+    data = windowed(stored, (0, 0, 63, 31), *"RGB")
+    left, top, right, bottom = stored
+    said = rf"\[\[0, 0\], \[63, 31\]\].*\[\[{left}, {top}\], \[{right}, {bottom}\]\]"
+    with pytest.raises(InvalidInputError, match=rf"{use.field}.*a\.exr.*{said}"):
+        exr.decode_channels(data, "a.exr", use)
+
+
+def test_exr_images_are_what_they_show(tmp_path: Path) -> None:
+    """Overscan was part of the sky."""
+    values = np.arange(80 * 44, dtype=np.float32).reshape(44, 80)
+    data = windowed((-6, -5, 73, 38), (0, 0, 63, 31), *"RGB")
+    (tmp_path / "sky.exr").write_bytes(data)
+    (tmp_path / "a_diff.exr").write_bytes(data)
+    assert np.array_equal(read_radiance(tmp_path / "sky.exr")[..., 0], values[5:37, 6:70])
+    assert np.array_equal(read_map(tmp_path / "a_diff.exr")[0][..., 1], values[5:37, 6:70])
+    moved = windowed((100, 200, 163, 231), (100, 200, 163, 231), "Y")
+    assert np.array_equal(exr.decode_channels(moved, "a.exr")["Y"], np.arange(2048).reshape(32, 64))
 
 
 def test_the_bounds_are_documented() -> None:
