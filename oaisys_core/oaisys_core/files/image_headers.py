@@ -27,10 +27,9 @@ _TAGS = {
 }
 _TIFF_VALUES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 _MAX_TAGS = 4096
+_MAX_SAMPLES = 4
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MOST_BITS = 64
-MAX_SAMPLES = 4
-"""Of a pixel of a picture in TIFF."""
 MIN_IS_WHITE, MIN_IS_BLACK, RGB, PALETTE, CMYK, YCBCR = 0, 1, 2, 3, 5, 6
 """Meanings of a TIFF file's samples."""
 ASSOCIATED_ALPHA, UNASSOCIATED_ALPHA = 1, 2
@@ -192,8 +191,8 @@ def _jpeg(data: bytes) -> tuple[int, int]:
 def _tiff(data: bytes) -> tuple[int, int]:
     """Return the size of a TIFF file's first image, rounded up to whole tiles."""
     found = {name: values[0] for name, values in _tiff_tags(data).items()}
-    if found.get("samples", 1) > MAX_SAMPLES:
-        raise ValueError(f"it has {found['samples']} channels, more than {MAX_SAMPLES}")
+    if found.get("samples", 1) > _MAX_SAMPLES:
+        raise ValueError(f"it has {found['samples']} channels, more than {_MAX_SAMPLES}")
     width, height = found["width"], found["height"]
     tile_width, tile_height = found.get("tile_width", 1), found.get("tile_height", 1)
     return _whole(width, tile_width), _whole(height, tile_height)
@@ -226,7 +225,9 @@ def _tiff_tags(data: bytes) -> dict[str, tuple[int, ...]]:
         value_at = at + entry_bytes - word_bytes
         if length * struct.calcsize(form) > word_bytes:
             (value_at,) = struct.unpack_from(order + word, data, value_at)
-        found[name] = struct.unpack_from(f"{order}{min(length, MAX_SAMPLES)}{form}", data, value_at)
+        found[name] = struct.unpack_from(
+            f"{order}{min(length, _MAX_SAMPLES)}{form}", data, value_at
+        )
     return found
 
 

@@ -22,7 +22,7 @@ from oaisys_core.files.image_headers import (
 from oaisys_core.files.radiance import has_new_runs, plain_radiance, radiance_header
 from oaisys_core.types import MAX_IMAGE_PX
 
-_BYTES_PER_PIXEL = 16
+BYTES_PER_PIXEL = 16
 """Of a file: four channels of 32 bits, uncompressed."""
 
 _HEADER_BYTES = 1_000_000
@@ -52,7 +52,7 @@ class ImageUse:
     @property
     def most_bytes(self) -> int:
         """Size of a file."""
-        return self.most_px * _BYTES_PER_PIXEL + _HEADER_BYTES
+        return self.most_px * BYTES_PER_PIXEL + _HEADER_BYTES
 
     def check(self, width: int, height: int, file: str) -> None:
         """Raise `InvalidInputError` if an image of this size must not be decoded."""

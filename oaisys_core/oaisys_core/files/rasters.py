@@ -7,12 +7,14 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from math import ceil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_headers import MAX_SAMPLES
-from oaisys_core.files.images import ImageUse, read_file
+from oaisys_core.files.images import BYTES_PER_PIXEL, ImageUse, read_file
 
 MAX_BANDS = 64
 """Bands of a raster."""
@@ -200,11 +202,12 @@ def _check_blocks(file: Any, use: ImageUse, name: str) -> None:
     if file.count > MAX_BANDS:
         expected = f"{use.name} of at most {MAX_BANDS} bands, not {file.count}"
         raise InvalidInputError(use.field, name, expected)
+    if any("complex" in dtype for dtype in file.dtypes):
+        raise InvalidInputError(use.field, name, f"{use.name} of real numbers")
     is_mixed = file.interleaving is not None and file.interleaving.value == "PIXEL"
+    item_bytes = max(np.dtype(dtype).itemsize for dtype in file.dtypes)
     # A picture in one strip is no more than the picture.
-    together = max(file.count // MAX_SAMPLES, 1) if is_mixed else 1
+    together = ceil((file.count if is_mixed else 1) * item_bytes / BYTES_PER_PIXEL)
     for rows, columns in file.block_shapes:
         # A block is decoded as a whole, however small the image is.
         use.check(columns, rows * together, name)
-    if any("complex" in dtype for dtype in file.dtypes):
-        raise InvalidInputError(use.field, name, f"{use.name} of real numbers")
