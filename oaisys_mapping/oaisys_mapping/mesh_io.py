@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.mesh_headers import check_map_file
+from oaisys_core.files.mesh_formats.mesh_headers import check_map_file
 from oaisys_core.files.whole_files import whole_file
 from oaisys_mapping.mesh import ColoredMesh
 

@@ -10,8 +10,8 @@ from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import RenderError
-from oaisys_core.files.images import FRAME
-from oaisys_core.files.rasters import open_geotiff, without_georeference
+from oaisys_core.files.image_formats.images import FRAME
+from oaisys_core.files.image_formats.rasters import open_geotiff, without_georeference
 
 NO_PREDICTOR, FLOATING_POINT = 1, 3
 """Numbers of predictors in TIFF files."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.mesh_headers import check_map_file
+from oaisys_core.files.mesh_formats.mesh_headers import check_map_file
 from oaisys_core.files.whole_files import whole_file
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh_io import read_ply

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.files.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
-from oaisys_core.files.label_images import LabelPixels, read_label_pixels
+from oaisys_core.files.image_formats.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
+from oaisys_core.files.image_formats.label_images import LabelPixels, read_label_pixels
 from oaisys_core.files.versions import Version, version_of
 from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import id_of_level

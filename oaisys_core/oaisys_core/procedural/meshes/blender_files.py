@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
 from oaisys_core.files.arrays import load_arrays
-from oaisys_core.files.mesh_headers import MAX_VERTICES
+from oaisys_core.files.mesh_formats.mesh_headers import MAX_VERTICES
 from oaisys_core.files.path_fields import is_confined
 from oaisys_core.files.references import folders_of, outside_error
 from oaisys_core.files.versions import Version, version_of

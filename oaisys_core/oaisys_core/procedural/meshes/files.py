@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.mesh_headers import check_mesh_file
+from oaisys_core.files.mesh_formats.mesh_headers import check_mesh_file
 from oaisys_core.procedural.meshes.blender_files import BLENDER_SUFFIXES, load_by_blender
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
 from oaisys_core.procedural.meshes.gltf_format.gltf import load_gltf

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb, linear
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_headers import is_tiff, tiff_header
-from oaisys_core.files.images import MESH_TEXTURE, decode_pixels
+from oaisys_core.files.image_formats.image_headers import is_tiff, tiff_header
+from oaisys_core.files.image_formats.images import MESH_TEXTURE, decode_pixels
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr

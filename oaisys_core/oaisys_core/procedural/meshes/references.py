@@ -8,9 +8,9 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, show_field
 from oaisys_core.files.documents import read_bytes
-from oaisys_core.files.image_headers import image_size, is_tiff
-from oaisys_core.files.images import MESH_TEXTURE
-from oaisys_core.files.mesh_headers import MAX_BYTES
+from oaisys_core.files.image_formats.image_headers import image_size, is_tiff
+from oaisys_core.files.image_formats.images import MESH_TEXTURE
+from oaisys_core.files.mesh_formats.mesh_headers import MAX_BYTES
 from oaisys_core.files.references import resolve_reference
 from oaisys_core.procedural.meshes.loaded import tiff_as_png
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.mesh_headers import MAX_HEADER_BYTES, MAX_VERTICES, is_text_stl
+from oaisys_core.files.mesh_formats.mesh_headers import MAX_HEADER_BYTES, MAX_VERTICES, is_text_stl
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, decode_texture
 from oaisys_core.procedural.meshes.obj_format.obj_statements import file_name
 from oaisys_core.procedural.meshes.ply_elements import ply_colors, ply_image_of, ply_mesh, ply_uv

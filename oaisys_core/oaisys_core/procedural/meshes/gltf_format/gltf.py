@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import InvalidInputError, show_field
-from oaisys_core.files.mesh_headers import MAX_VERTICES, inner_images, read_gltf
+from oaisys_core.files.mesh_formats.mesh_headers import MAX_VERTICES, inner_images, read_gltf
 from oaisys_core.procedural.meshes.gltf_format.gltf_accessors import Accessors
 from oaisys_core.procedural.meshes.gltf_format.gltf_materials import GltfMaterials
 from oaisys_core.procedural.meshes.gltf_format.gltf_nodes import Node, node_name, nodes_with_meshes

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.documents import read_bytes
-from oaisys_core.files.mesh_headers import MAX_TEXT_BYTES, MAX_VERTICES
+from oaisys_core.files.mesh_formats.mesh_headers import MAX_TEXT_BYTES, MAX_VERTICES
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.meshes.obj_format.obj_materials import ObjMaterials
 from oaisys_core.procedural.meshes.obj_format.obj_statements import FaceGroup, ObjStatements

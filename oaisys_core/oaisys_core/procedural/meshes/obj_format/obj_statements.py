@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import quote
-from oaisys_core.files.mesh_headers import MAX_VERTICES
+from oaisys_core.files.mesh_formats.mesh_headers import MAX_VERTICES
 from oaisys_core.types import FloatArray
 
 ABSENT = -(2**62)

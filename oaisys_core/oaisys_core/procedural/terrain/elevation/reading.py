@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.stage import DemConfig, DemWindowConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_headers import tiff_header
-from oaisys_core.files.images import ELEVATION, ImageUse, decode_pixels, read_file
-from oaisys_core.files.rasters import open_large_geotiff, open_raster
+from oaisys_core.files.image_formats.image_headers import tiff_header
+from oaisys_core.files.image_formats.images import ELEVATION, ImageUse, decode_pixels, read_file
+from oaisys_core.files.image_formats.rasters import open_large_geotiff, open_raster
 from oaisys_core.output import exr
 from oaisys_core.procedural.terrain.elevation.control_points import (
     STRAIGHT_PX,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb, srgb
-from oaisys_core.files.images import MESH_TEXTURE
+from oaisys_core.files.image_formats.images import MESH_TEXTURE
 from oaisys_core.procedural.meshes.cut_outs import cut_out
 from oaisys_core.scene import MeshMaterial, Wrap
 

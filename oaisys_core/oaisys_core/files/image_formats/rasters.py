@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import BYTES_PER_PIXEL, ImageUse, read_file
+from oaisys_core.files.image_formats.images import BYTES_PER_PIXEL, ImageUse, read_file
 
 MAX_BANDS = 64
 """Bands of a raster."""

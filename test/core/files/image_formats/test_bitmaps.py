@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import DENSITY, LABEL_IMAGE, TEXTURE, decode_pixels
-from oaisys_core.files.label_images import read_label_pixels
+from oaisys_core.files.image_formats.images import DENSITY, LABEL_IMAGE, TEXTURE, decode_pixels
+from oaisys_core.files.image_formats.label_images import read_label_pixels
 
 H, W = 5, 8
 RNG = np.random.default_rng(3)

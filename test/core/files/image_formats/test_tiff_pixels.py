@@ -14,7 +14,7 @@ from rasterio.io import MemoryFile
 
 from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import (
+from oaisys_core.files.image_formats.images import (
     DENSITY,
     LABEL_IMAGE,
     MESH_TEXTURE,
@@ -24,7 +24,7 @@ from oaisys_core.files.images import (
     ImageUse,
     decode_pixels,
 )
-from oaisys_core.files.label_images import read_label_pixels
+from oaisys_core.files.image_formats.label_images import read_label_pixels
 from oaisys_core.procedural.meshes.loaded import decode_texture
 from oaisys_core.procedural.textures.map_pixels import read_color, read_map
 

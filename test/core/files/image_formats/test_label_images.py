@@ -19,7 +19,7 @@ from rasterio.io import MemoryFile
 from oaisys_core.config.sections.environment import HdriImageConfig
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import (
+from oaisys_core.files.image_formats.images import (
     DENSITY,
     ELEVATION,
     LABEL_IMAGE,
@@ -28,7 +28,7 @@ from oaisys_core.files.images import (
     ImageUse,
     decode_pixels,
 )
-from oaisys_core.files.label_images import read_label_pixels
+from oaisys_core.files.image_formats.label_images import read_label_pixels
 from oaisys_core.procedural.environment.hdri import SkyImages
 from oaisys_core.procedural.terrain.dem import import_dem
 from oaisys_core.procedural.textures.label_image import load_label_image

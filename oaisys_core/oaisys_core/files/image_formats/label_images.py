@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.images import ImageUse, read_pixels
+from oaisys_core.files.image_formats.images import ImageUse, read_pixels
 
 _LOG = logging.getLogger(__name__)
 

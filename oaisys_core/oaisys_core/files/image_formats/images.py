@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_bytes
-from oaisys_core.files.image_headers import (
+from oaisys_core.files.image_formats.image_headers import (
     StoredValues,
     image_size,
     is_tiff,
     values_of,
 )
-from oaisys_core.files.radiance import has_new_runs, plain_radiance, radiance_header
+from oaisys_core.files.image_formats.radiance import has_new_runs, plain_radiance, radiance_header
 from oaisys_core.types import MAX_IMAGE_PX
 
 BYTES_PER_PIXEL = 16
@@ -221,7 +221,7 @@ _quiet = _Quiet()
 
 
 def _decode_tiff(data: bytes, use: ImageUse, name: str) -> NDArray[Any]:
-    from oaisys_core.files.tiff_pixels import read_tiff  # which imports this module
+    from oaisys_core.files.image_formats.tiff_pixels import read_tiff  # which imports this module
 
     return read_tiff(data, use, name)
 

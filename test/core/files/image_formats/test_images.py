@@ -25,8 +25,8 @@ from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import DocumentError
-from oaisys_core.files.image_headers import image_size
-from oaisys_core.files.images import (
+from oaisys_core.files.image_formats.image_headers import image_size
+from oaisys_core.files.image_formats.images import (
     ELEVATION,
     FRAME,
     SKY,
@@ -36,8 +36,8 @@ from oaisys_core.files.images import (
     decode_pixels,
     read_pixels,
 )
-from oaisys_core.files.radiance import radiance_header
-from oaisys_core.files.rasters import open_geotiff
+from oaisys_core.files.image_formats.radiance import radiance_header
+from oaisys_core.files.image_formats.rasters import open_geotiff
 from oaisys_core.output import exr
 from oaisys_core.output.images import decode_image
 from oaisys_core.procedural.environment.hdri import SkyImages, read_radiance
@@ -417,6 +417,6 @@ def test_exr_images_are_what_they_show(tmp_path: Path) -> None:
 
 
 def test_the_bounds_are_documented() -> None:
-    text = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[4] / "docs" / "files.md").read_text(encoding="utf-8")
     for use in USES:
         assert f"{use.most_px:,}" in text, use.name

@@ -11,8 +11,8 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.documents import parse_json, read_bytes
-from oaisys_core.files.gltf_structure import check_structure
-from oaisys_core.files.mesh_texts import check_ply_text, check_stl_text
+from oaisys_core.files.mesh_formats.gltf_structure import check_structure
+from oaisys_core.files.mesh_formats.mesh_texts import check_ply_text, check_stl_text
 
 MAX_BYTES = 2_000_000_000
 """Size of a binary mesh file, and of a file that it refers to."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_headers import (
+from oaisys_core.files.image_formats.image_headers import (
     ASSOCIATED_ALPHA,
     CMYK,
     MIN_IS_BLACK,
@@ -19,8 +19,8 @@ from oaisys_core.files.image_headers import (
     TiffHeader,
     tiff_header,
 )
-from oaisys_core.files.images import ImageUse
-from oaisys_core.files.rasters import open_geotiff, without_georeference
+from oaisys_core.files.image_formats.images import ImageUse
+from oaisys_core.files.image_formats.rasters import open_geotiff, without_georeference
 
 _DTYPES = ("uint8", "uint16", "float16", "float32")
 _SAMPLES = {

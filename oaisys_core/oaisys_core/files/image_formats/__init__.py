@@ -1,0 +1,1 @@
+"""Images and rasters of others: what their headers say, and their pixels."""

@@ -1,0 +1,1 @@
+"""What is checked of files with meshes before they are read."""
