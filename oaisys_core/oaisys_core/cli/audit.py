@@ -18,6 +18,7 @@ from oaisys_core.cli.options import (
 )
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.files.whole_files import check_output_file
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -67,6 +68,8 @@ def audit(
 
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    if out is not None:
+        check_output_file(out)
     if light:
         _audit_light(chosen.backend, out)
         return
@@ -94,6 +97,10 @@ def audit(
             f"{worst.sensor}/{worst.modality}: {worst.wrong_share:.4%} of the pixels off edges are"
             f" wrong, expected at most {limit:.4%}"
         )
+    for f in found:
+        if not f.pixels:
+            expected = f"views in which {f.sensor}/{f.modality} has pixels off edges to compare"
+            raise InvalidInputError("views", views, expected)
 
 
 def _audit_light(backend_name: str, out: Path | None) -> None:
@@ -150,15 +157,17 @@ def _audit(config: SimulationConfig, batches: int, views: int) -> list[AuditResu
     from oaisys_core.simulation import Simulation
     from oaisys_core.system.progress_display import ProgressDisplay
     from oaisys_core.types import ModuleMetadata
-    from oaisys_core.verification.audit import audit_views, sum_results
+    from oaisys_core.verification.audit import audit_views, is_audited, sum_results
 
-    for camera in config.sensors.all_cameras:
-        if camera.readout_s:
-            expected = "0: views are compared with those of cameras that stand still"
-            raise InvalidInputError(f"{camera.name}: readout_s", camera.readout_s, expected)
+    _check_cameras(config)
     simulation = Simulation(config)
     found: list[AuditResult] = []
     try:
+        offered = {name for each in simulation.info().sensors for name in each.modalities}
+        rendered = sorted(filter(config.render.renders, offered))
+        if not any(map(is_audited, rendered)):
+            expected = "depth, instance or semantic_N: there are no depth or labels to audit"
+            raise InvalidInputError("render.passes", rendered, expected)
         with ProgressDisplay("auditing", batches * views) as display:
             for batch in range(batches):
                 # Audit the ground truth, whatever sensors.faults says.
@@ -167,7 +176,24 @@ def _audit(config: SimulationConfig, batches: int, views: int) -> list[AuditResu
                 found += audit_views(simulation, views, rng, lambda _: display.advance())
     finally:
         simulation.close()
+    if not found:
+        expected = "so many that a camera is due (sensors.cameras: step_offset, step_interval)"
+        raise InvalidInputError("views", views, expected)
     return sum_results(found)
+
+
+def _check_cameras(config: SimulationConfig) -> None:
+    """Raise if views of a camera cannot be compared."""
+    from oaisys_core.verification.audit import LEAST_EDGE_PX
+
+    for camera in config.sensors.all_cameras:
+        if camera.readout_s:
+            expected = "0: views are compared with those of cameras that stand still"
+            raise InvalidInputError(f"{camera.name}: readout_s", camera.readout_s, expected)
+        size_px = (camera.width_px, camera.height_px)
+        if min(size_px) < LEAST_EDGE_PX:
+            expected = f"at least {LEAST_EDGE_PX} x {LEAST_EDGE_PX} pixels, some of them off edges"
+            raise InvalidInputError(f"{camera.name}: width_px, height_px", size_px, expected)
 
 
 def _table(found: list[AuditResult]) -> Table:

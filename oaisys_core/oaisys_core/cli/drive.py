@@ -22,6 +22,7 @@ from oaisys_core.cli.options import (
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.extensions import DRIVE_RECORDERS, DRIVE_REPORTS
+from oaisys_core.files.whole_files import check_output_file
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig
@@ -168,6 +169,7 @@ def plan(
     from oaisys_core.trajectory.files import write_trajectory
     from oaisys_core.trajectory.planning import plan_drive
 
+    check_output_file(out)
     chosen = adjust(load_config(config), seed=seed, backend=backend)
     section = drive_section(chosen)
     with own_stdout():

@@ -75,8 +75,11 @@ def user_path(text: str | Path, field: str) -> Path:
         field: What the user calls it, in errors.
 
     Raises:
-        InvalidInputError: There is no such user, or nobody knows where this one's home is.
+        InvalidInputError: The text is empty, which is no name of the current folder. There is no
+            such user, or nobody knows where this one's home is.
     """
+    if text == "":
+        raise InvalidInputError(field, text, "a path, no empty text")
     path = Path(text)
     try:
         return path.expanduser()

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.folders import make_folder
 from oaisys_core.system.ending.leftovers import remove_when_killed
 
@@ -20,9 +21,11 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Yield the path of an empty temporary file that replaces ``path`` if the block succeeds.
 
     Raises:
+        InvalidInputError: The path has no name, as that of an empty text.
         OSError: It could not be made or renamed, or ``path`` is a device, a pipe or a folder, which
             a file must not replace; ``path`` is unchanged.
     """
+    _require_name(path, "path", "a file")
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     with remove_when_killed(part):
         try:
@@ -44,6 +47,34 @@ def write_whole_bytes(path: Path, data: bytes) -> None:
     """Write bytes to a file, see `whole_file`."""
     with whole_file(path) as part:
         part.write_bytes(data)
+
+
+def check_output_file(path: Path, field: str = "out") -> Path:
+    """Return the path of a file that is written after long work; its folder is made.
+
+    Args:
+        path: The file.
+        field: What the user calls it, in errors.
+
+    Raises:
+        InvalidInputError: No file can be written under this name.
+        OSError: The disk is full, or fails.
+    """
+    _require_name(path, field, "a file")
+    make_folder(path.parent, field)
+    try:
+        _require_file(path)
+    except OSError as error:
+        expected = f"a file that can be written ({error.strerror})"
+        raise InvalidInputError(field, str(path), expected) from error
+    if not os.access(path.parent, os.W_OK):
+        raise InvalidInputError(field, str(path), "a file in a folder that can be written to")
+    return path
+
+
+def _require_name(path: Path, field: str, what: str) -> None:
+    if not path.name:
+        raise InvalidInputError(field, str(path), f"the name of {what}")
 
 
 def _require_file(path: Path) -> None:
@@ -71,8 +102,10 @@ def whole_folder(target: Path) -> Iterator[Path]:
         target: A path where there is nothing, or an empty folder.
 
     Raises:
+        InvalidInputError: The path has no name, as that of an empty text.
         OSError: It could not be made or renamed; nothing is left.
     """
+    _require_name(target, "path", "a folder")
     # A name that nobody can foresee: the folder may be in a data set of somebody else.
     part = target.with_name(f".{target.name}.{uuid.uuid4().hex}.part")
     make_folder(target.parent)

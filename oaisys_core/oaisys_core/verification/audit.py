@@ -69,6 +69,9 @@ WINDOWS, WINDOW_PX = 16, 10
 """Number and edge length of the compared squares of an image; their outermost pixels only serve to
 find edges."""
 
+LEAST_EDGE_PX = 3
+"""Edge of the smallest image that has a pixel with eight around it."""
+
 DEPTH_TOLERANCE = 1e-4
 """Relative tolerance: float32 is not more precise for triangles seen almost edge-on."""
 
@@ -124,6 +127,11 @@ def random_view(simulation: Simulation, rng: np.random.Generator) -> Pose:
     return pose_looking_at(eye, eye + ahead)
 
 
+def is_audited(modality: str) -> bool:
+    """Return whether images of a modality are compared: depth, instances and labels."""
+    return semantic_level(modality) is not None or modality in (DEPTH, DEPTH_TRUE, INSTANCE)
+
+
 def audit_sample(
     sample: Sample, reference: ReferenceScene, rng: np.random.Generator
 ) -> Iterable[AuditResult]:
@@ -143,9 +151,9 @@ def audit_frames(
     """Yield the result of each frame of depth, instances and labels; see `audit_sample`."""
     views: dict[str, list[tuple[Window, ReferenceView]]] = {}
     for frame in frames:
-        level = semantic_level(frame.modality)
-        if level is None and frame.modality not in (DEPTH, DEPTH_TRUE, INSTANCE):
+        if not is_audited(frame.modality):
             continue
+        level = semantic_level(frame.modality)
         if frame.sensor not in views:
             windows = random_windows(frame.intrinsics, rng)
             seen = reference.views(frame.intrinsics, frame.T_map_camera, windows)

@@ -9,6 +9,7 @@ import typer
 
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
+from oaisys_core.files.whole_files import check_output_file
 
 if TYPE_CHECKING:
     from oaisys_dataset.check import CheckReport
@@ -38,6 +39,8 @@ def check(
     from oaisys_core.system.progress_display import ProgressDisplay
     from oaisys_dataset.check import check_dataset
 
+    if out is not None:
+        check_output_file(out)
     with own_stdout(), ProgressDisplay("checking worlds") as display:
         report = check_dataset(dataset, worlds_rebuilt, seed, display.count)
     if out is not None:

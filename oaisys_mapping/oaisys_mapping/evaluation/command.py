@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.whole_files import write_whole_text
+from oaisys_core.files.whole_files import check_output_file, write_whole_text
 
 if TYPE_CHECKING:
     from oaisys_mapping.tsdf import TsdfVolume
@@ -83,8 +84,10 @@ def evaluate(
     from oaisys_mapping.evaluation.truth_io import read_truth
     from oaisys_mapping.mesh_io import read_ply
 
-    if json_path is not None and not json_path.parent.is_dir():
-        raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
+    if json_path is not None:
+        if not json_path.parent.is_dir():
+            raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
+        check_output_file(json_path, "--json")
     taus_m = tuple(tau or ())
     if any(not (np.isfinite(tau_m) and tau_m > 0) for tau_m in taus_m):
         raise InvalidInputError("--tau", list(taus_m), "metres above 0")
@@ -111,6 +114,7 @@ def evaluate(
         max_overlap_holes=max_overlap_holes,
         min_iou=min_iou,
     )
+    _require_measured(evaluation.unmeasured, max_offset, max_overlap_holes, min_iou)
     missed = thresholds.misses_of(evaluation.metrics)
     figures = {
         **evaluation.metrics.to_dict(),
@@ -123,6 +127,24 @@ def evaluate(
     _print(figures, json_path)
     if missed:
         raise typer.Exit(1)
+
+
+def _require_measured(
+    unmeasured: Mapping[str, str],
+    max_offset: float | None,
+    max_overlap_holes: int | None,
+    min_iou: float | None,
+) -> None:
+    """Raise where a limit is given of a figure that nothing was measured of."""
+    limits = {
+        "offset_m": ("--max-offset", max_offset),
+        "overlap_hole_count": ("--max-overlap-holes", max_overlap_holes),
+        "least_iou": ("--min-iou", min_iou),
+    }
+    for figure, missing in unmeasured.items():
+        option, limit = limits[figure]
+        if limit is not None:
+            raise InvalidInputError(option, limit, f"no limit on {figure}: {missing}")
 
 
 def _print(figures: dict[str, Any], json_path: Path | None) -> None:

@@ -19,7 +19,7 @@ from oaisys_mapping.evaluation.metrics import (
     distance_figures,
     f_score_at,
 )
-from oaisys_mapping.evaluation.registration import offset_to_truth
+from oaisys_mapping.evaluation.registration import MIN_POINTS, offset_to_truth
 from oaisys_mapping.evaluation.semantics import (
     ClassAgreement,
     ClassField,
@@ -58,6 +58,20 @@ class Evaluation(ShortRepr):
     reconstruction_distance_m: FloatArray
     visible_truth: SurfacePoints
     visible_truth_distance_m: FloatArray
+
+    @property
+    def unmeasured(self) -> dict[str, str]:
+        """Figures with a limit that nothing was measured of, by name, and what is missing."""
+        metrics, missing = self.metrics, {}
+        near = self.reconstruction_distance_m <= OFFSET_VOXELS * metrics.voxel_size_m
+        if near.sum() < MIN_POINTS:
+            reach_m = OFFSET_VOXELS * metrics.voxel_size_m
+            missing["offset_m"] = f"no part of the map is within {reach_m:g} m of the truth"
+        if not metrics.overlap_area_m2:
+            missing["overlap_hole_count"] = "no part of the truth is seen by two views"
+        if metrics.least_iou is None:
+            missing["least_iou"] = "no labels to measure in both meshes, of 1 % of the surface"
+        return missing
 
 
 @dataclass(frozen=True)

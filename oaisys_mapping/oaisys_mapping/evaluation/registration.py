@@ -18,6 +18,9 @@ MAX_POINTS = 60_000
 MAX_ITERATIONS = 8
 CONVERGED_M = 1e-6
 
+MIN_POINTS = 3
+"""Points near the truth without which there is no offset."""
+
 MIN_EIGENVALUE = 1e-4
 """Least mean square of the normals along an observable direction: slopes of 0.6 degrees. A shift
 along level ground cannot be measured."""
@@ -44,7 +47,7 @@ def offset_to_truth(points_m: FloatArray, truth_scene: Any, reach_m: float) -> F
     points_m = points_m[:: max(1, len(points_m) // MAX_POINTS)]
     for _ in range(MAX_ITERATIONS):
         normals, gap_m = _residuals(points_m - offset_m, truth_scene, reach_m)
-        if len(gap_m) < 3:
+        if len(gap_m) < MIN_POINTS:
             break
         step_m = _least_squares(normals, gap_m)
         offset_m += step_m

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from commands import oaisys_here
 
-from oaisys_core.errors import RenderError
+from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.files.folders import user_path
+from oaisys_core.files.whole_files import check_output_file, whole_file, whole_folder
 from oaisys_core.output.files import write_text
 from oaisys_dataset.places import open_place
 
@@ -34,9 +36,35 @@ def test_a_command_says_that_its_output_is_no_file(tmp_path: Path) -> None:
     stage = "{extent_m: 10, resolution_px: 33}"
     config.write_text(f"backend: analytic\nstage: {stage}\nassets: {{rocks: []}}\n")
     done = oaisys_here("heights", "--config", config, "--out", pipe)
-    assert done.returncode == 1
+    assert done.returncode == 2
+    assert "out: received" in done.stderr
     assert "no regular file" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_an_output_that_cannot_be_is_refused_before_the_work(tmp_path: Path) -> None:
+    """`audit --out FOLDER` was refused after all views had been rendered."""
+    file = tmp_path / "file"
+    file.touch()
+    for path in (tmp_path, file / "x.json", Path()):
+        with pytest.raises(InvalidInputError, match="figures: received"):
+            check_output_file(path, "figures")
+    assert check_output_file(tmp_path / "new" / "x.json") == tmp_path / "new" / "x.json"
+    assert not list((tmp_path / "new").iterdir())
+    for command in (["audit"], ["audit", "--light"], ["config", "schema"]):
+        done = oaisys_here(*command, "--out", tmp_path)
+        assert done.returncode == 2, done.stderr
+        assert "no regular file" in done.stderr
+
+
+def test_a_path_without_a_name_is_refused() -> None:
+    """The temporary file of an empty path had no name: a bare ValueError."""
+    with pytest.raises(InvalidInputError, match="the name of a file"), whole_file(Path()):
+        pass
+    with pytest.raises(InvalidInputError, match="the name of a folder"), whole_folder(Path()):
+        pass
+    with pytest.raises(InvalidInputError, match="path: received ''"):
+        user_path("", "path")
 
 
 def test_a_link_under_the_temporary_name_is_not_followed(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import open3d as o3d
 import pytest
+from commands import oaisys_here
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
@@ -171,3 +172,27 @@ def test_the_command_writes_figures_and_keeps_to_its_limit(tmp_path: Path) -> No
     figures = json.loads((tmp_path / "audit.json").read_text())
     assert {f["modality"] for f in figures} == {"depth", "semantic_0", "instance"}
     assert all(f["wrong_share"] <= 5e-4 for f in figures)
+
+
+@pytest.mark.parametrize(
+    ("camera", "render", "options", "expected"),
+    [
+        ({}, {}, ["--size", "1x1"], "camera: width_px, height_px: received (1, 1), expected at"),
+        ({}, {}, ["--size", "96x2"], "received (96, 2), expected at least 3 x 3 pixels"),
+        ({}, {}, ["--size", "3x3"], "views in which camera/depth has pixels off edges"),
+        ({}, {"passes": ["rgb"]}, [], "there are no depth or labels to audit"),
+        ({"step_offset": 5}, {}, [], "views: received 1, expected so many that a camera is due"),
+        ({"modalities": ["rgb", "normal"]}, {}, [], "no depth or labels to audit"),
+    ],
+)
+def test_an_audit_that_compares_nothing_is_refused(
+    tmp_path: Path, camera: dict, render: dict, options: list[str], expected: str
+) -> None:
+    """Of images of one pixel, all of which are edges, 0 of 0 pixels were wrong: it passed."""
+    (given,) = WORLD["sensors"]["cameras"]
+    config = tmp_path / "world.yaml"
+    sensors = {"cameras": [{**given, **camera}]}
+    config.write_text(json.dumps({**WORLD, "sensors": sensors, "render": render}))
+    refused = oaisys_here("audit", "--config", config, "--views", "1", *options)
+    assert refused.returncode == 2, refused.stdout
+    assert expected in " ".join(refused.stderr.split())

@@ -102,6 +102,38 @@ def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
     assert json.loads(result.stdout)["closed"] is False
 
 
+@pytest.mark.parametrize(
+    ("z_m", "limits", "expected"),
+    [
+        (0.03, ("--min-iou", "0.5"), "--min-iou: received 0.5, expected no limit on least_iou"),
+        (9.0, ("--max-offset", "1"), "--max-offset: received 1.0, expected no limit on offset_m"),
+    ],
+)
+def test_a_limit_of_what_cannot_be_measured_is_exit_2(
+    files: tuple[Path, Path], z_m: float, limits: tuple[str, str], expected: str
+) -> None:
+    """A map without labels met any --min-iou; one 9 m away had no offset."""
+    mesh, truth = files
+    write_ply(mesh, ColoredMesh(*square(z_m), np.full((4, 3), 70, np.uint8)))
+    result = oaisys_here("evaluate", "--mesh", mesh, "--truth", truth, *limits)
+    assert result.returncode == 2, result.stdout
+    assert expected in result.stderr
+
+
+def test_a_limit_on_overlap_needs_two_views(files: tuple[Path, Path], tmp_path: Path) -> None:
+    mesh, truth = files
+    T_map_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    T_map_camera[2, 3] = 5.0
+    view = PosedCamera(PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5), T_map_camera)
+    poses, run = tmp_path / "poses.json", ["evaluate", "--mesh", mesh, "--truth", truth]
+    for views, code in (([view], 2), ([view, view], 0)):
+        write_views(poses, views)
+        result = oaisys_here(*run, "--poses", poses, "--max-overlap-holes", "0")
+        assert result.returncode == code, result.stderr
+    write_views(poses, [view])
+    assert oaisys_here(*run, "--poses", poses).returncode == 0
+
+
 @pytest.mark.parametrize("name", ["--mesh", "--truth", "--poses"])
 def test_a_missing_file_is_exit_2(files: tuple[Path, Path], tmp_path: Path, name: str) -> None:
     arguments = {"--mesh": files[0], "--truth": files[1]}
