@@ -1,6 +1,7 @@
 """Frames and projections against closed forms and OpenCV."""
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,6 +85,23 @@ def test_looking_down_has_the_upper_edge_along_x() -> None:
     T = geometry.pose_to_matrix(geometry.pose_looking_down(1, 2, 30)) @ geometry.T_LINK_OPTICAL
     assert np.allclose(T[:3, 2], (0, 0, -1)), "the camera looks down"
     assert np.allclose(T[:3, 1], (-1, 0, 0)), "the image's lower edge is towards -x"
+
+
+@pytest.mark.parametrize("far_m", [1.1e7, 1e155, 1.7e308, np.inf, np.nan])
+def test_positions_whose_squares_overflow_are_refused(far_m: float) -> None:
+    """Norms are infinite from 1e154: a rotation had no determinant."""
+    for target_m, eye_m in (((far_m, 0, 0), (0, 0, 5)), ((0, 0, 0), (0, -far_m, 5))):
+        with pytest.raises(InvalidInputError, match=r"(eye|target)_m: .*-1e\+07 to 1e\+07"):
+            geometry.pose_looking_at(eye_m, target_m)
+    with pytest.raises(InvalidInputError, match=r"pose\.position: received \["):
+        geometry.check_pose((0, far_m, 0), (0, 0, 0, 1))
+    assert geometry.check_pose((0, 1e7, 0), (0, 0, 0, 1)).position_m == (0, 1e7, 0)
+    wrong: list[Any] = ["x", (1, "y", 2), ((1, 2), 3, 4), None]
+    for none in wrong:
+        with pytest.raises(InvalidInputError, match=r"pose\.position"):
+            geometry.check_pose(none, (0, 0, 0, 1))
+        with pytest.raises(InvalidInputError, match=r"pose\.orientation"):
+            geometry.check_pose((0, 0, 0), none)
 
 
 def test_looking_at_points_at_the_target_without_roll() -> None:

@@ -6,7 +6,6 @@ Lengths are in metres, angles in degrees; pixel coordinates follow OpenCV's conv
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import (
@@ -43,6 +42,7 @@ from oaisys_core.config.sections.sensing.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig, body_name
 from oaisys_core.config.variants import VariantConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
+from oaisys_core.files.path_fields import NamedPath
 from oaisys_core.types import DIGITAL, RADIANCE
 
 GENERATOR_VERSION = 19
@@ -64,7 +64,7 @@ class OutputConfig(Section):
         save_blend: Whether to save the world of each batch as a .blend file.
     """
 
-    folder: Path | None = None
+    folder: NamedPath | None = None
     batches: int = Field(default=1, ge=1)
     samples: int = Field(default=1, ge=1)
     batch_offset: int = Field(default=0, ge=0)

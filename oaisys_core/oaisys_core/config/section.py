@@ -20,14 +20,16 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from oaisys_core.errors import quote
-from oaisys_core.geometry import expect_unit_norm
+from oaisys_core.geometry import MAX_M, expect_unit_norm
 
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
 Longitude = Annotated[float, Field(ge=-180, le=360)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
-PlaceInDegrees = tuple[Longitude, Latitude] | tuple[Longitude, Latitude, float]
+Metres = Annotated[float, Field(ge=-MAX_M, le=MAX_M)]
+Position = tuple[Metres, Metres, Metres]
+PlaceInDegrees = tuple[Longitude, Latitude] | tuple[Longitude, Latitude, Metres]
 """(longitude, latitude) or (longitude, latitude, elevation in m); east and north are positive."""
 
 MAX_LABEL_LETTERS = 1000
@@ -43,11 +45,12 @@ def _in_a_line(text: str) -> str:
 LabelText = Annotated[str, AfterValidator(_in_a_line)]
 """A label, which data sets and legends show in a line."""
 
-MAX_M = 1e7
-"""Largest coordinate or size, up to which float32 is precise enough."""
+MIN_SIZE_M = 1e-4
+"""Smallest size, with whose squares and inverse one can compute."""
 
-Metres = Annotated[float, Field(ge=-MAX_M, le=MAX_M)]
-Position = tuple[Metres, Metres, Metres]
+Size = Annotated[float, Field(ge=MIN_SIZE_M, le=MAX_M)]
+"""A size in metres."""
+
 Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 """A factor on a size."""
 

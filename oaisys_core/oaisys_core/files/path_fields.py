@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ValidationInfo
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ValidationInfo
 
 from oaisys_core.errors import quote
 
@@ -98,6 +98,13 @@ def is_confined() -> bool:
     return _confinement.get() is not None
 
 
+def _not_empty(value: Any) -> Any:
+    """Refuse empty text, which as a path is the folder of the configuration file."""
+    if value == "":
+        raise ValueError("expected a path, no empty text")
+    return value
+
+
 def _file(path: Path, info: ValidationInfo) -> Path:
     found = _absolute(path, info)
     if not _holds(found.is_file):
@@ -162,11 +169,14 @@ def _paths_in(value: Any) -> Iterator[Path]:
             yield from _paths_in(each)
 
 
-ConfigFile = Annotated[Path, AfterValidator(_file)]
+NamedPath = Annotated[Path, BeforeValidator(_not_empty)]
+"""A path that may not exist yet."""
+
+ConfigFile = Annotated[NamedPath, AfterValidator(_file)]
 """An existing file; relative paths start from the folder of the configuration file."""
 
-ConfigFolder = Annotated[Path, AfterValidator(_folder)]
+ConfigFolder = Annotated[NamedPath, AfterValidator(_folder)]
 """An existing folder; relative paths start from the folder of the configuration file."""
 
-ConfigPath = Annotated[Path, AfterValidator(_file_or_folder)]
+ConfigPath = Annotated[NamedPath, AfterValidator(_file_or_folder)]
 """An existing file or folder, such as a bag; relative paths start as those of `ConfigFile`."""

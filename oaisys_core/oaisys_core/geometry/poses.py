@@ -26,6 +26,9 @@ more.
 ROTATION_TOLERANCE = 1e-6
 """Largest error of an entry of a rotation matrix times its transpose, see `is_rigid`."""
 
+MAX_M = 1e7
+"""Largest coordinate or size, up to which float32 is precise enough."""
+
 IDENTITY_QUAT_XYZW = (0.0, 0.0, 0.0, 1.0)
 
 R_LINK_OPTICAL: FloatArray = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -96,6 +99,23 @@ def expect_unit_norm(norm: float) -> str:
     return f"a unit quaternion (norm within {QUATERNION_TOLERANCE} of 1, not {norm:.6g})"
 
 
+def check_position(position_m: ArrayLike, field: str) -> FloatArray:
+    """Return (3,) untrusted coordinates in metres as an array.
+
+    Raises:
+        InvalidInputError: There are not three, or one is no number, or beyond `MAX_M`: with those
+            within, squares and cubes are finite.
+    """
+    expected = f"three finite metres from {-MAX_M:g} to {MAX_M:g}"
+    try:
+        position = np.asarray(position_m, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(field, position_m, expected) from error
+    if position.shape != (3,) or not (np.abs(position) <= MAX_M).all():
+        raise InvalidInputError(field, position.tolist(), expected)
+    return position
+
+
 def check_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
     """Return a pose from untrusted numbers, its quaternion normalised.
 
@@ -103,13 +123,15 @@ def check_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose")
     last digits, and a recorded pose would not repeat.
 
     Raises:
-        InvalidInputError: A number is not finite, or the quaternion's norm is off 1 by more than
-            `QUATERNION_TOLERANCE`.
+        InvalidInputError: A number is not finite, a coordinate is beyond `MAX_M`, or the
+            quaternion's norm is off 1 by more than `QUATERNION_TOLERANCE`.
     """
-    position = np.asarray(position_m, dtype=np.float64)
-    quat = np.asarray(quat_xyzw, dtype=np.float64)
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise InvalidInputError(f"{field}.position", position.tolist(), "three finite metres")
+    position = check_position(position_m, f"{field}.position")
+    try:
+        quat = np.asarray(quat_xyzw, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        expected = "four finite numbers"
+        raise InvalidInputError(f"{field}.orientation", quat_xyzw, expected) from error
     if quat.shape != (4,) or not np.isfinite(quat).all():
         raise InvalidInputError(f"{field}.orientation", quat.tolist(), "four finite numbers")
     norm = float(np.linalg.norm(quat))
@@ -135,9 +157,12 @@ def pose_looking_at(eye_m: ArrayLike, target_m: ArrayLike, up: ArrayLike = (0.0,
     """Return the body pose at ``eye_m`` whose x axis points at ``target_m``.
 
     ``up`` defines the roll; it must not be parallel to the viewing direction.
+
+    Raises:
+        InvalidInputError: A point is none, see `check_position`, or the target is on the up axis.
     """
-    eye = np.asarray(eye_m, dtype=np.float64)
-    x = np.asarray(target_m, dtype=np.float64) - eye
+    eye = check_position(eye_m, "eye_m")
+    x = check_position(target_m, "target_m") - eye
     y = np.cross(np.asarray(up, dtype=np.float64), x)
     if np.linalg.norm(x) < 1e-9 or np.linalg.norm(y) < 1e-9 * np.linalg.norm(x):
         raise InvalidInputError("target_m", list(map(float, x + eye)), "a target off the up axis")

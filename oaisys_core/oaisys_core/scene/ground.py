@@ -100,7 +100,8 @@ class HeightField(ShortRepr):
         """Return (N,) elevations of the triangulated surface at (N, 2) points; NaN outside it."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         rows, cols = self.elevation_m.shape
-        x, y = ((xy - np.asarray(self.origin_xy_m)) / self.spacing_m).T.copy()
+        with np.errstate(over="ignore"):  # infinitely far away is outside, too
+            x, y = ((xy - np.asarray(self.origin_xy_m)) / self.spacing_m).T.copy()
         inside = (x >= 0) & (x <= cols - 1) & (y >= 0) & (y <= rows - 1)
         x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
         col, row = np.minimum(np.floor(x), cols - 2), np.minimum(np.floor(y), rows - 2)

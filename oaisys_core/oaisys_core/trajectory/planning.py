@@ -27,7 +27,7 @@ from oaisys_core.files.poses import (
     read_pose_table,
 )
 from oaisys_core.files.poses.records import MAX_POSES, number
-from oaisys_core.geometry import places
+from oaisys_core.geometry import check_position, places
 from oaisys_core.raycast.clearance import HeightLookup
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.files import read_trajectory
@@ -220,8 +220,7 @@ def _named_point(
         raise InvalidInputError(header, [str(name) for name in row], expected)
     names = columns if row.get(columns[2]) else columns[:2]
     point = [number(row[name], line, name) for name in names]
-    if not np.isfinite(point).all():
-        raise InvalidInputError(line, [str(x) for x in point], "finite numbers")
+    check_position([*point, 0.0][:3], line)
     if columns is IN_DEGREES and not (-180 <= point[0] <= 360 and -90 <= point[1] <= 90):
         expected = "lon_deg from -180 to 360 and lat_deg from -90 to 90"
         raise InvalidInputError(line, [str(x) for x in point], expected)

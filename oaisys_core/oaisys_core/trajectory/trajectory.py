@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import expect_unit_norm
+from oaisys_core.geometry import MAX_M, check_position, expect_unit_norm
 from oaisys_core.scene.rig_motion import TIME_TOLERANCE_S, RigMotion
 from oaisys_core.types import FloatArray, Pose
 
@@ -49,6 +49,9 @@ class Trajectory:
 
         self.times_s = _check("times_s", times_s, ())
         self.positions_m = _check("positions_m", positions_m, (3,))
+        if (far := np.abs(self.positions_m).max(axis=1, initial=0.0) > MAX_M).any():
+            row = int(np.argmax(far))
+            check_position(self.positions_m[row], f"trajectory.positions_m.{row}")
         self.quats_xyzw = _check("quats_xyzw", quats_xyzw, (4,))
         counts = {len(self.times_s), len(self.positions_m), len(self.quats_xyzw)}
         if len(counts) > 1 or len(self.times_s) < 2:

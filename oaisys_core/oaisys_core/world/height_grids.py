@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import MAX_M
 from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress, ProgressCallback
 
 MAX_CELLS = 4096 * 4096
@@ -29,14 +30,19 @@ def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
     """Return the rows and columns of the cells that cover an extent.
 
     Raises:
-        InvalidInputError: The resolution or the extent is invalid, or the grid would have more than
-            `MAX_CELLS` cells.
+        InvalidInputError: The resolution or the extent is invalid, no cell has its centre in the
+            extent, or the grid would have more than `MAX_CELLS` cells.
     """
     if not (isfinite(resolution_m) and resolution_m > 0):
         raise InvalidInputError("resolution_m", resolution_m, "a positive number of metres")
     x0, y0, x1, y1 = extent_m
-    if not (all(map(isfinite, extent_m)) and x0 < x1 and y0 < y1):
-        raise InvalidInputError("extent_m", extent_m, "finite min_x, min_y < max_x, max_y")
+    if not (max(map(abs, extent_m)) <= MAX_M and x0 < x1 and y0 < y1):
+        expected = f"finite min_x, min_y < max_x, max_y, from {-MAX_M:g} to {MAX_M:g} m"
+        raise InvalidInputError("extent_m", extent_m, expected)
+    most_m = 2 * min(x1 - x0, y1 - y0)
+    if resolution_m > most_m:
+        expected = f"at most {most_m:g} m, so that the centre of a cell is in the extent"
+        raise InvalidInputError("resolution_m", resolution_m, expected)
     # Compare before rounding: the quotients may be too large for integers.
     columns, rows = ((high - low) / resolution_m for low, high in ((x0, x1), (y0, y1)))
     if not columns * rows <= MAX_CELLS or max(columns, rows) > MAX_CELLS:

@@ -38,3 +38,15 @@ def test_elevations_that_are_no_list_are_refused(value: object) -> None:
     scan = {"kind": "rotating", "elevations_deg": value}
     with pytest.raises(ConfigError, match="elevations_deg"):
         config_from_mapping({"sensors": {"lidars": [{"scan": scan}]}})
+
+
+def test_empty_texts_are_no_paths(tmp_path: Path) -> None:
+    """They were the folder of the configuration, or the current one."""
+    for world, field in (
+        ({"environment": {"hdri": {"folder": ""}}}, "environment.hdri.folder"),
+        ({"stage": {"mesh": {"file": ""}}}, "stage.mesh.file"),
+        ({"stage": {"store": ""}}, "stage.store"),
+        ({"output": {"folder": ""}}, "output.folder"),
+    ):
+        with pytest.raises(ConfigError, match=f"{field}: received ''"):
+            config_from_mapping(world, tmp_path)

@@ -182,6 +182,10 @@ def test_radiance_of_an_unknown_body_needs_its_distance() -> None:
     }
     with pytest.raises(ConfigError, match=r"environment\.sun_distance_au: expected a number"):
         config_from_mapping(data)
+    # The sun's radius is 0.00465 au: nearer, it has no angular diameter.
+    for distance_au in (0.004, 5e-324):
+        with pytest.raises(ConfigError, match=r"environment\.sun_distance_au: received"):
+            config_from_mapping({**data, "environment": {"sun_distance_au": distance_au}})
     ceres = config_from_mapping({**data, "environment": {"sun_distance_au": 2.77}})
     assert ceres.environment.sun_distance_au == 2.77
     assert unit_w_m2(2.77)[0] * 2.77**2 == pytest.approx(unit_w_m2(1.0)[0])

@@ -11,8 +11,10 @@ from pyproj import CRS, Transformer
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.files.poses import read_pose_table
 from oaisys_core.trajectory.files import write_poses, write_trajectory
 from oaisys_core.trajectory.planning import DrivePlan, plan_drive, read_waypoints
+from oaisys_core.trajectory.trajectory import Trajectory
 from oaisys_core.types import FloatArray, Georeference, HeightQuery
 
 DRONE = {"kind": "drone"}
@@ -143,3 +145,22 @@ def test_a_faulty_file_of_waypoints_is_refused(tmp_path: Path, text: str) -> Non
     (tmp_path / "way.csv").write_text(text)
     with pytest.raises(InvalidInputError):
         planned(waypoints_file=str(tmp_path / "way.csv"))
+
+
+@pytest.mark.parametrize("x_m", [1.1e7, 1e155, 1e308])
+def test_waypoints_whose_squares_overflow_are_refused_where_they_are_read(
+    tmp_path: Path, x_m: float
+) -> None:
+    """Lengths of their way were infinite: a spline's own error ended the command."""
+    for keys in ({"waypoints_m": [[x_m, 0], [0, 0]]}, {"waypoints_m": [[0, 0, -x_m], [0, 0, 0]]}):
+        with pytest.raises(ConfigError, match=r"drive\.waypoints_m\.0\.[02]: received"):
+            config_from_mapping({"drive": keys})
+    way = tmp_path / "way.csv"
+    way.write_text(f"x_m,y_m\n0,0\n{x_m},0\n", encoding="utf-8")
+    with pytest.raises(InvalidInputError, match=r"way\.csv:3: received"):
+        read_waypoints(way)
+    way.write_text(f"t_s,x_m,y_m,z_m,qx,qy,qz,qw\n0,0,{x_m},0,0,0,0,1\n", encoding="utf-8")
+    with pytest.raises(InvalidInputError, match=r"way\.csv:2\.position: received"):
+        read_pose_table(way)
+    with pytest.raises(InvalidInputError, match=r"trajectory\.positions_m\.1: received"):
+        Trajectory([0.0, 1.0], [(0, 0, 0), (x_m, 0, 0)], [(0, 0, 0, 1)] * 2)

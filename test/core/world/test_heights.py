@@ -128,7 +128,9 @@ def test_files_come_back_as_they_were(tmp_path: Path, name: str) -> None:
     assert found.spacing_m == pytest.approx(grid.spacing_m)
 
 
-@pytest.mark.parametrize("resolution_m", [0.0, -1.0, float("nan"), float("inf"), 1e-3, 5e-324])
+@pytest.mark.parametrize(
+    "resolution_m", [0.0, -1.0, float("nan"), float("inf"), 1e-3, 5e-324, 1e308]
+)
 def test_a_resolution_that_makes_no_grid_is_refused(resolution_m: float) -> None:
     with pytest.raises(InvalidInputError, match="resolution_m"):
         simulation(world()).height_grid(resolution_m)
@@ -142,7 +144,17 @@ def test_an_extent_that_is_none_is_refused(extent_m: Any) -> None:
     with pytest.raises(InvalidInputError, match="extent_m"):
         simulation(world()).height_grid(0.5, extent_m)
     with pytest.raises(InvalidInputError, match=str(MAX_CELLS)):
+        simulation(world()).height_grid(0.5, (-1e7, -1e7, 1e7, 1e7))
+    with pytest.raises(InvalidInputError, match=r"extent_m: .*-1e\+07 to 1e\+07"):
         simulation(world()).height_grid(0.5, (-1e300, -1e300, 1e300, 1e300))
+
+
+def test_a_cell_s_centre_lies_in_the_extent() -> None:
+    """A wider cell has its centre beyond the extent's other edge, where nothing is asked for."""
+    sim = simulation(world())
+    assert sim.height_grid(2.0, (0, 0, 1, 3)).ground_m.shape == (2, 1)
+    with pytest.raises(InvalidInputError, match=r"received 2\.1, expected at most 2 m"):
+        sim.height_grid(2.1, (0, 0, 1, 3))
 
 
 def test_a_grid_can_be_cancelled() -> None:

@@ -12,7 +12,7 @@ from oaisys_core.cli.rendering.metadata_file import SampleRequest
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, of_rig, read_pose_table
 from oaisys_core.files.poses.flight_plans import FlightPlan, read_plan
-from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.geometry import check_position, pose_looking_at, pose_looking_down
 from oaisys_core.types import FloatArray, ModuleMetadata, Pose
 
 if TYPE_CHECKING:
@@ -99,6 +99,8 @@ class ViewSteps:
             raise InvalidInputError("position", None, "X Y Z in metres, as --look-at is given")
         if target_m is None:
             raise InvalidInputError("look-at", None, "X Y Z in metres, as --position is given")
+        check_position(position_m, "position")
+        check_position(target_m, "look-at")
         if position_m == target_m:
             raise InvalidInputError("look-at", target_m, "another point than --position")
         self._position_m = position_m

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from oaisys_core.config.section import (
-    MAX_M,
+    MIN_SIZE_M,
     Labelled,
     LabelText,
     Position,
@@ -22,6 +22,7 @@ from oaisys_core.config.section import (
 )
 from oaisys_core.config.sections.groups import Count, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig
+from oaisys_core.geometry import MAX_M
 
 MAX_GROUPS, MAX_OBJECTS = 1000, 2500
 """Largest numbers, so that each has its own instance ids."""
@@ -70,8 +71,8 @@ class RockGroupConfig(Labelled):
     @field_validator("size_m")
     @classmethod
     def _positive(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if value[0] <= 0 or value[1] > MAX_M:
-            raise ValueError(f"expected sizes above 0 and at most {MAX_M:g} m")
+        if value[0] < MIN_SIZE_M or value[1] > MAX_M:
+            raise ValueError(f"expected sizes from {MIN_SIZE_M:g} to {MAX_M:g} m")
         return value
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from oaisys_core.config.section import Positive, Range, Section
+from oaisys_core.config.section import Range, Section, Size
 from oaisys_core.files.path_fields import ConfigFile
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -27,7 +27,7 @@ class NoiseDensity(Section):
     """
 
     kind: Literal["noise"]
-    scale_m: Positive = 8.0
+    scale_m: Size = 8.0
     cover: Share = 0.5
     softness: Share = 0.3
     least: Share = 0.0
@@ -44,7 +44,7 @@ class VoronoiDensity(Section):
     """
 
     kind: Literal["voronoi"]
-    cell_m: Positive = 8.0
+    cell_m: Size = 8.0
     cover: Share = 0.5
     border_m: NotNegative = 0.5
     least: Share = 0.0

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import PlaceInDegrees, Positive, Section, Vector3
+from oaisys_core.config.section import Metres, PlaceInDegrees, Position, Positive, Section
 from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
-Waypoint = tuple[float, float] | Vector3
+Waypoint = tuple[Metres, Metres] | Position
 
 
 Gravity = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=0, le=100)]

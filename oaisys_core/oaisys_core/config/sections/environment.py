@@ -219,7 +219,7 @@ class EnvironmentConfig(Section):
     sun_angular_diameter_deg: Annotated[Range, Within(0.0, 90.0)] | None = None
     sun_disc: NotNegative = (0.0, 0.0)
     sun_from_time: SunFromTimeConfig | None = None
-    sun_distance_au: Annotated[float, Field(gt=0, le=1000)] | None = None
+    sun_distance_au: Annotated[float, Field(ge=0.01, le=1000)] | None = None
     sky: SkyConfig = SkyConfig()
     sky_strength: NotNegative = (1.0, 1.0)
     air: Density = (1.0, 1.0)

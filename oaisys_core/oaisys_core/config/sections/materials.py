@@ -12,11 +12,11 @@ from pydantic import Field, model_validator
 
 from oaisys_core.config.section import (
     Labelled,
-    Positive,
     PositiveRange,
     Range,
     Section,
     SemanticId,
+    Size,
 )
 from oaisys_core.config.sections.layer_conditions import Share
 from oaisys_core.config.sections.layers import LayerConfig, LookConfig
@@ -91,7 +91,7 @@ class MaskConfig(Section):
     """
 
     method: Literal["patches", "noise"] = "patches"
-    scale_m: Positive = 9.0
+    scale_m: Size = 9.0
     sharpness: float = Field(default=0.15, ge=0, le=1)
     relief: Share = 0.7
     noise: NoiseConfig = NoiseConfig()
@@ -110,7 +110,7 @@ class VariationConfig(Section):
 
     brightness: float = Field(default=0.35, ge=0, le=1)
     tint: float = Field(default=0.0, ge=0, le=1)
-    scale_m: Positive | None = None
+    scale_m: Size | None = None
 
 
 class HapkeConfig(Section):

@@ -5,15 +5,15 @@ Lengths are in metres, angles in degrees.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from oaisys_core.config.section import MAX_M, Latitude, Longitude, Positive, Section, Vector3
+from oaisys_core.config.section import Latitude, Longitude, Position, Positive, Section
 from oaisys_core.config.sections.erosion import ErosionConfig
 from oaisys_core.config.sections.water import WaterConfig
-from oaisys_core.files.path_fields import ConfigFile
+from oaisys_core.files.path_fields import ConfigFile, NamedPath
+from oaisys_core.geometry import MAX_M
 
 Body = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=1e3, le=1e9)]
 """A body, or its radius in metres."""
@@ -78,7 +78,7 @@ class DemConfig(Section):
     file: ConfigFile
     spacing_m: Positive | None = None
     size_m: tuple[Positive, Positive, Positive] | None = None
-    position_m: Vector3 = (0.0, 0.0, 0.0)
+    position_m: Position = (0.0, 0.0, 0.0)
     scale: float = 1.0
     offset_m: float | None = None
     height_unit: Literal["m", "ft", "us-ft"] | None = None
@@ -115,7 +115,7 @@ class StageMeshConfig(Section):
     object: str | None = None
     scale: Positive = 1.0
     up: Literal["x", "y", "z"] = "z"
-    position_m: Vector3 = (0.0, 0.0, 0.0)
+    position_m: Position = (0.0, 0.0, 0.0)
 
 
 class DetailConfig(Section):
@@ -201,7 +201,7 @@ class StageConfig(Section):
     body: Body = "earth"
     water: WaterConfig | None = None
     detail: DetailConfig | None = None
-    store: Path | None = None
+    store: NamedPath | None = None
     save_as: StageName | None = None
     reuse: ReuseConfig | None = None
 

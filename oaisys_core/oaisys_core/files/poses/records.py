@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.geometry import T_LINK_OPTICAL, invert, transform
+from oaisys_core.geometry import T_LINK_OPTICAL, check_position, invert, transform
 from oaisys_core.types import FloatArray, Pose, SensorInfo, ShortRepr
 
 MAX_POSES = 200_000
@@ -123,6 +123,7 @@ def matrix_table(
         R = each[:3, :3]
         if not np.isfinite(each).all():
             raise InvalidInputError(place, each[:3].tolist(), "finite numbers")
+        check_position(each[:3, 3], place)
         error = np.abs(R @ R.T - np.eye(3)).max()
         if error > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
             expected = "a rotation: columns of length 1 at right angles, not mirrored, not scaled"

@@ -93,7 +93,7 @@ def sight_over(axes: FloatArray, body: Body, target: Target, when: datetime) -> 
     from_place_km = axes @ from_centre_km - (0.0, 0.0, RADIUS_KM[name])
     distance_km = float(np.linalg.norm(from_place_km))
     x, y, z = (from_place_km / distance_km).tolist()
-    elevation_rad = asin(z)
+    elevation_rad = asin(min(max(z, -1.0), 1.0))  # rounded, it may be beyond 1
     if name == "earth":
         elevation_rad += refraction_rad(elevation_rad)
     radius_km = SUN_RADIUS_KM if target == "sun" else EARTH_RADIUS_KM
@@ -145,7 +145,8 @@ def axes_of_place(longitude_deg: float, latitude_deg: float, north_deg: float) -
 def turn_to_north(axes: FloatArray, north_deg: float) -> FloatArray:
     """Return axes around the same vertical whose true north is ``north_deg`` from +y."""
     up = axes[2]
-    longitude_deg, latitude_deg = degrees(atan2(up[1], up[0])), degrees(asin(up[2]))
+    longitude_deg = degrees(atan2(up[1], up[0]))
+    latitude_deg = degrees(asin(min(max(up[2], -1.0), 1.0)))
     return axes_of_place(longitude_deg, latitude_deg, north_deg)
 
 

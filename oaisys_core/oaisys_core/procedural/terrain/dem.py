@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.config.section import MAX_M
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import MAX_M
 from oaisys_core.procedural.terrain.elevation.placement import place_on_ground
 from oaisys_core.procedural.terrain.elevation.reading import StoredModel, read_model
 from oaisys_core.procedural.terrain.elevation.references import Reference, parse_reference

@@ -45,6 +45,8 @@ def test_the_rig_s_x_axis_points_at_the_target(target_m: Point) -> None:
         (None, (0.0, 0.0, 0.0), r"position: received None"),
         ((0.0, 0.0, 1.0), None, r"look-at: received None"),
         ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0), r"another point than --position"),
+        ((1e200, 0.0, 5.0), (0.0, 0.0, 0.0), r"position: received \[1e\+200"),
+        ((1.0, 0.0, 5.0), (1e308, 1e308, 5.0), r"look-at: received \[1e\+308"),
     ],
 )
 def test_half_a_view_is_refused(

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import MAX_M, Position, Positive, Quaternion, Section
+from oaisys_core.config.section import Position, Positive, Quaternion, Section
 from oaisys_core.files.path_fields import ConfigFile
+from oaisys_core.geometry import MAX_M
 
 MAX_RAYS = 4_000_000
 """Largest number of rays of a scan."""

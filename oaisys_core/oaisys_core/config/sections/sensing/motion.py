@@ -15,13 +15,14 @@ from pydantic import AfterValidator, Field, model_validator
 from oaisys_core.config.section import (
     Latitude,
     Longitude,
+    Metres,
     PlaceInDegrees,
+    Position,
     Positive,
     PositiveRange,
     Quaternion,
     Range,
     Section,
-    Vector3,
 )
 from oaisys_core.files.path_fields import ConfigPath
 
@@ -107,7 +108,7 @@ class CsvMotion(MotionConfig):
     camera: str | None = None
     topic: str | None = None
     frame: str | None = None
-    offset_m: Vector3 = (0.0, 0.0, 0.0)
+    offset_m: Position = (0.0, 0.0, 0.0)
     at_end: AtEnd = "refuse"
 
     @model_validator(mode="after")
@@ -188,7 +189,7 @@ class AroundTargetMotion(TargetConfig):
     """
 
     kind: Literal["around_target"]
-    target_m: Vector3 = (0.0, 0.0, 0.0)
+    target_m: Position = (0.0, 0.0, 0.0)
     target_lon_lat_deg: PlaceInDegrees | None = None
     target_above_ground: bool = False
     distance_m: PositiveRange = (5.0, 10.0)
@@ -241,7 +242,7 @@ class GridMotion(Section):
     rows: int = Field(default=5, ge=1, le=10_000)
     altitude_m: Positive = 10.0
     overlap: float = Field(default=0.5, ge=0, lt=1)
-    centre_m: tuple[float, float] | None = None
+    centre_m: tuple[Metres, Metres] | None = None
     centre_lon_lat_deg: tuple[Longitude, Latitude] | None = None
     camera: str | None = None
     step_interval: int = Field(default=1, ge=1)
@@ -270,7 +271,7 @@ class SplineMotion(MotionConfig):
     """
 
     kind: Literal["spline"]
-    waypoints_m: tuple[Vector3, ...] = ()
+    waypoints_m: tuple[Position, ...] = ()
     waypoints_lon_lat_deg: tuple[PlaceInDegrees, ...] = ()
     quats_xyzw: tuple[Quaternion, ...] = ()
     look: Look = "forward"
