@@ -124,6 +124,7 @@ def _load(entry: EntryPoint) -> Any:
     target.rich_markup_mode = PLAIN_HELP
     command = typer.main.get_command(target)
     command.name = entry.name
+    _refuse_empty_texts(command)
     _summarise(command)
     add_examples(command, f"{PROGRAM} {entry.name}")
     return command
@@ -161,6 +162,33 @@ def _checked(value: Any, name: str) -> Any:
     if isinstance(value, list | tuple):
         return type(value)(_checked(each, name) for each in value)
     return value
+
+
+def _refuse_empty_texts(command: Any) -> None:
+    """Have each command refuse options and arguments of empty text, as of an unset "$OUT".
+
+    A path of empty text is the current folder. Where empty text is the default, it stays one.
+    """
+    for parameter in command.params:
+        if parameter.default != "":
+            parameter.consume_value = _not_empty(parameter, parameter.consume_value)
+    for part in getattr(command, "commands", {}).values():
+        _refuse_empty_texts(part)
+
+
+def _not_empty(parameter: Any, consume_value: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a parameter's method that finds its value, before it becomes a path, with a check."""
+
+    def consume(ctx: Any, opts: Any) -> Any:
+        value, source = consume_value(ctx, opts)
+        if value == "" or (isinstance(value, list | tuple) and "" in value):
+            is_option = parameter.param_type_name == "option"
+            shown = parameter.metavar or parameter.name.upper()
+            name = max(parameter.opts, key=len) if is_option else shown.rstrip(".")
+            raise InvalidInputError(name, "", "text that is not empty; is a variable unset?")
+        return value, source
+
+    return consume
 
 
 def _summarise(command: Any) -> None:

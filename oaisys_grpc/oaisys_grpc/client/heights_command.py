@@ -44,6 +44,7 @@ def heights(
     GeoTIFF has row 0 in the north (+y), NPZ in the south, with origin_xy_m and spacing_m.
     """
     # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.files.whole_files import check_output_file
     from oaisys_core.output.heights import SUFFIXES, write_heights
     from oaisys_grpc.tls import client_tls
 
@@ -51,7 +52,12 @@ def heights(
         raise InvalidInputError("out", str(out), f"a file that ends in {', '.join(SUFFIXES)}")
     wanted = None if extent is None else _parse(extent)
     tls = client_tls(tls_ca, tls_cert, tls_key)
+    check_output_file(out)
     if address is not None:
+        own = {"--config": config, "--seed": seed, "--backend": backend}
+        own["--batch"] = None if batch == 1 else batch
+        if given := [name for name, value in own.items() if value is not None]:
+            raise InvalidInputError("--address", address, f"none with {', '.join(given)}")
         grid = _request_heights(address, tls, resolution, wanted)
     elif tls is not None:
         raise InvalidInputError("address", None, "the server that the TLS options are for")

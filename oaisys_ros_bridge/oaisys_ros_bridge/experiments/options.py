@@ -40,7 +40,7 @@ WorkerPythonOption = Annotated[
     Path | None, typer.Option(help="Python interpreter that has bpy; otherwise this one.")
 ]
 ParamsFileOption = Annotated[
-    str,
+    Path | None,
     typer.Option(help="YAML file of ROS parameters of bridge, mapper and recorder."),
 ]
 LogLevelOption = Annotated[
@@ -74,7 +74,7 @@ def experiment_options(
     bag: bool,
     namespace: str,
     worker_python: Path | None,
-    params_file: str,
+    params_file: Path | None,
     log_level: str,
     use_sim_time: bool,
     key: Path | None,
@@ -100,7 +100,7 @@ def experiment_options(
         "record": bag,
         "worker_python": worker_python,
         "namespace": namespace,
-        "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
+        "nodes": node_settings(str(params_file or ""), log_level, use_sim_time=use_sim_time),
         "command": ["oaisys", *sys.argv[1:]],
         "key": None if key is None else _private_key(key),
         "light": None if light is None else _light_audit(light),

@@ -83,7 +83,7 @@ def live(
         bag=False,
         namespace="",
         worker_python=worker_python,
-        params_file="",
+        params_file=None,
         log_level="info",
         use_sim_time=False,
         key=None,

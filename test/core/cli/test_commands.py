@@ -120,6 +120,28 @@ def test_metadata_of_each_sample_comes_from_a_file(small: Path, tmp_path: Path) 
     assert "metadata.samples.0.sensor.pose" in result.stderr
 
 
+def test_samples_are_those_of_the_file_alone(small: Path, tmp_path: Path) -> None:
+    """`--samples` beside a file was ignored, and an empty list of metadata rendered a view."""
+    steps, poses, out = tmp_path / "steps.yaml", tmp_path / "poses.csv", tmp_path / "out"
+    steps.write_text("[{}, {}]", encoding="utf-8")
+    poses.write_text("x_m,y_m,z_m,qx,qy,qz,qw\n0,0,9,0,0,0,1\n", encoding="utf-8")
+    run = ("render", "--config", small, "--out", out)
+    for options, expected in (
+        (("--metadata", steps, "--samples", "5"), "samples: received 5, expected none with"),
+        (("--poses", poses, "--samples", "1"), "samples: received 1, expected none with"),
+        (("--metadata", steps, "--poses-camera", "camera"), "expected none without --poses"),
+    ):
+        refused = oaisys_here(*run, *options)
+        assert refused.returncode == 2, refused.stdout
+        assert expected in refused.stderr
+    for empty in ("[]", "samples: []", "samples:"):
+        steps.write_text(empty, encoding="utf-8")
+        refused = oaisys_here(*run, "--metadata", steps)
+        assert refused.returncode == 2, refused.stdout
+        assert "expected a list of at least one sample" in refused.stderr
+    assert not out.exists()
+
+
 def test_a_run_that_renders_nothing_fails(tmp_path: Path) -> None:
     never = SMALL.replace("width_px", "step_offset: 9, width_px")
     path = tmp_path / "never.yaml"
@@ -206,3 +228,40 @@ def test_numbers_of_options_are_finite(arguments: list[str], field: str, tmp_pat
     assert f"{field}: received " in result.stderr
     assert "expected a finite number" in result.stderr
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["render", "--out", ""], "--out"),
+        (["render", "--out="], "--out"),
+        (["render", "--config", ""], "--config"),
+        (["render", "--out", "x", "--position", "", "1", "2"], "--position"),
+        (["repeat", ""], "RECORD"),
+        (["config", "schema", "--out", ""], "--out"),
+        (["config", "show", "--config", ""], "--config"),
+        (["sensors", "import", "robot.urdf", "--out", ""], "--out"),
+        (["sensors", "import", "robot.urdf", "--packages", ""], "--packages"),
+        (["drive", "plan", "drive.yaml", "--out", ""], "--out"),
+        (["drive", "--out", ""], "--out"),
+        (["evaluate", "--mesh", "a.ply", "--truth", "b.ply", "--json", ""], "--json"),
+        (["heights", "--out", ""], "--out"),
+        (["dataset", "check", ""], "DATASET"),
+        (["dataset", "merge", "a", "", "--out", "b"], "DIR"),
+        (["record", "--topic", "/a", "--topic", ""], "--topic"),
+        (["record", "--out", ""], "--out"),
+        (["ros", "reference", "--out", ""], "--out"),
+        (["survey", "--params-file", ""], "--params-file"),
+        (["explore", "--out", ""], "--out"),
+        (["live", "--address", ""], "--address"),
+    ],
+)
+def test_empty_text_is_refused_by_the_name_of_its_option(
+    arguments: list[str], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`--out "$OUT"` of an unset variable wrote into the current folder, with exit code 0."""
+    monkeypatch.chdir(tmp_path)
+    result = oaisys_here(*arguments)
+    assert result.returncode == 2, result.stderr
+    assert f"oaisys: {name}: received '', expected text that is not empty" in result.stderr
+    assert not list(tmp_path.iterdir())

@@ -1,7 +1,10 @@
 """The grid of a survey."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from commands import oaisys_here
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import PinholeIntrinsics
@@ -51,3 +54,25 @@ def test_impossible_surveys_are_refused(
 @pytest.mark.parametrize(("altitude_m", "overlap"), [(10.82, 0.0), (40, 0.73)])
 def test_what_an_error_proposes_fits(altitude_m: float, overlap: float) -> None:
     assert len(plan_survey(30, altitude_m, overlap, CAMERA, STAGE).xy_m) == 30
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("survey", "--max-range", "0"), "--max-range"),
+        (("survey", "--max-range", "-3"), "--max-range"),
+        (("survey", "--altitude", "-5"), "--altitude: received -5.0"),
+        (("survey", "--altitude", "1e300"), "--altitude: received 1e+300"),
+        (("survey", "--overlap", "1"), "--overlap: received 1.0"),
+        (("explore", "--start-height", "-5"), "--start-height: received -5.0"),
+        (("explore", "--radius", "4"), "--start-height: received 3.0, expected above the vehicle"),
+    ],
+)
+def test_impossible_values_are_refused_before_anything_is_started(
+    arguments: tuple[str, ...], expected: str, tmp_path: Path
+) -> None:
+    """A largest range of 0 was refused by the mapper, with exit code 1 after half a minute."""
+    refused = oaisys_here(*arguments, "--out", tmp_path / "out")
+    assert refused.returncode == 2, refused.stderr
+    assert expected in refused.stderr
+    assert not (tmp_path / "out").exists()

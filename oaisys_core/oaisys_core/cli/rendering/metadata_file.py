@@ -56,7 +56,7 @@ def load_steps(path: Path) -> Steps:
     The file is a list of samples, or a mapping with ``batch`` and ``samples``. A sample is a
     mapping of metadata by module (``sensor``, ``environment``, ``asset``, ``render`` and others by
     name); it may also contain ``modalities`` and ``sensors`` to render. A pose is a mapping with
-    ``position_m`` and ``quat_xyzw``.
+    ``position_m`` and ``quat_xyzw``. Without ``samples``, there is one.
 
     Raises:
         InvalidInputError: The file cannot be read or does not have this form. The modules check the
@@ -72,9 +72,9 @@ def load_steps(path: Path) -> Steps:
         unknown = next((key for key in data or () if key not in _STEPS), None)
         expected = f"a list of samples, or batch and samples{did_you_mean(unknown, _STEPS)}"
         raise InvalidInputError("metadata", str(path), expected)
-    samples = data.get("samples") or [{}]
-    if not isinstance(samples, list):
-        raise InvalidInputError("metadata.samples", samples, "a list")
+    samples = data.get("samples", [{}])
+    if not isinstance(samples, list) or not samples:
+        raise InvalidInputError("metadata.samples", samples, "a list of at least one sample")
     return Steps(
         batch=_metadata(_mapping(data.get("batch"), "metadata.batch"), "metadata.batch"),
         samples=tuple(

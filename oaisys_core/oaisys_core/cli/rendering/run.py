@@ -110,6 +110,9 @@ def render(
         raise InvalidInputError("output.save_blend", chosen.backend, expected)
     if world_seed is not None and output.batches != 1:
         raise InvalidInputError("world-seed", world_seed, "none with several worlds (--batches)")
+    if samples is not None and (poses is not None or metadata is not None):
+        expected = "none with --poses or --metadata, which have one entry per view"
+        raise InvalidInputError("samples", samples, expected)
     selection = PoseSelection(topic=poses_topic, frame=poses_frame)
     steps = _steps(poses, selection, poses_camera, metadata, output.samples)
     if position is not None or look_at is not None:
@@ -148,8 +151,6 @@ def _steps(
 
     if poses is not None and metadata is not None:
         raise InvalidInputError("metadata", str(metadata), "either --poses or --metadata")
-    if metadata is not None:
-        return load_steps(metadata)
     if poses is not None:
         return PoseSteps(poses, selection, camera)
     for option, value in (
@@ -159,6 +160,8 @@ def _steps(
     ):
         if value is not None:
             raise InvalidInputError(option, value, "none without --poses")
+    if metadata is not None:
+        return load_steps(metadata)
     return Steps(ModuleMetadata(), tuple([SampleRequest()] * samples))
 
 

@@ -127,7 +127,7 @@ def explore(
     bag: BagOption = True,
     namespace: NamespaceOption = "",
     worker_python: WorkerPythonOption = None,
-    params_file: ParamsFileOption = "",
+    params_file: ParamsFileOption = None,
     log_level: LogLevelOption = "",
     use_sim_time: UseSimTimeOption = False,
 ) -> None:
@@ -146,12 +146,14 @@ def explore(
         ExploreOptions,
         default_config,
         planners_of,
+        require_start_height,
     )
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.experiments.progress import Reporter
 
     if node and via != RequestMethod.SERVICE:
         raise InvalidInputError("--via", via.value, "service: a --node commands trajectories")
+    require_start_height(start_height, radius)
     programs = [node_planner(text, node_silence) for text in node or ()]
     planners = planners_of(planner, [each.name for each in programs], compare=compare)
     worlds = seeds_of(seeds, FIRST_SEED if seed is None else seed)

@@ -81,6 +81,13 @@ def planners_of(text: str, programs: Sequence[str] = (), *, compare: bool) -> tu
     return tuple(dict.fromkeys((*named, *programs, *(ours if compare else ()))))
 
 
+def require_start_height(above_m: float, radius_m: float) -> None:
+    """Raise `InvalidInputError` where the vehicle would touch the surface at its start."""
+    if not above_m > radius_m:
+        expected = f"above the vehicle's radius of {radius_m:g} m"
+        raise InvalidInputError("--start-height", above_m, expected)
+
+
 def start_pose(
     bounds: Bounds, height_m: Callable[[FloatArray], FloatArray], above_m: float, vehicle: Vehicle
 ) -> Pose:
@@ -92,8 +99,10 @@ def start_pose(
     middle_m = (np.asarray(bounds.low_m) + np.asarray(bounds.high_m)) / 2
     corner_m = middle_m + START_SHARE * (np.asarray(bounds.low_m) - middle_m)
     corner_m[2] = height_m(corner_m[None, :2])[0] + above_m
-    if above_m <= vehicle.radius_m or corner_m[2] + vehicle.radius_m > bounds.high_m[2]:
-        expected = f"above the vehicle's radius of {vehicle.radius_m:g} m, and within the box"
+    require_start_height(above_m, vehicle.radius_m)
+    if corner_m[2] + vehicle.radius_m > bounds.high_m[2]:
+        top_m = bounds.high_m[2] - vehicle.radius_m
+        expected = f"a height with which the vehicle is below {top_m:.4g} m, within the box"
         raise InvalidInputError("--start-height", above_m, expected)
     way_m = middle_m - corner_m
     return level_pose(corner_m, float(np.arctan2(way_m[1], way_m[0])))

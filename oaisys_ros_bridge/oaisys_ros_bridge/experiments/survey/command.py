@@ -34,7 +34,9 @@ AltitudeOption = Annotated[
 OverlapOption = Annotated[
     float, typer.Option(help="Overlap of neighbouring images, as a share of their edge.")
 ]
-MaxRangeOption = Annotated[float, typer.Option(help="Largest depth that is mapped, metres.")]
+MaxRangeOption = Annotated[
+    float, typer.Option(help="Largest depth that is mapped, metres.", min=0.1)
+]
 FaultsOption = Annotated[
     bool, typer.Option(help="Evaluate maps with deliberate faults, too, which must be rejected.")
 ]
@@ -64,7 +66,7 @@ def survey(
     bag: BagOption = True,
     namespace: NamespaceOption = "",
     worker_python: WorkerPythonOption = None,
-    params_file: ParamsFileOption = "",
+    params_file: ParamsFileOption = None,
     log_level: LogLevelOption = "",
     use_sim_time: UseSimTimeOption = False,
 ) -> None:
@@ -76,10 +78,11 @@ def survey(
     require_shared_memory()  # before anything imports rclpy
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.experiments.progress import Reporter, seconds_since_start
-    from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
+    from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions, check_grid
     from oaisys_ros_bridge.experiments.survey.seeds import run_seeds
     from oaisys_ros_bridge.experiments.survey.survey import run_survey
 
+    check_grid(views, altitude, overlap)
     shared = experiment_options(
         out=out,
         config=config,

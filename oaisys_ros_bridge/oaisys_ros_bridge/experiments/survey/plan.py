@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import nadir_spacing_m
+from oaisys_core.geometry import MAX_M, nadir_spacing_m
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 
@@ -53,6 +53,16 @@ def survey_columns(views: int) -> int:
     return ceil(sqrt(views * 6 / 5))
 
 
+def check_grid(views: int, altitude_m: float, overlap: float) -> None:
+    """Raise `InvalidInputError` where no grid has these values."""
+    if views < 1:
+        raise InvalidInputError("--views", views, "at least 1")
+    if not 0 < altitude_m <= MAX_M:
+        raise InvalidInputError("--altitude", altitude_m, f"metres above 0, at most {MAX_M:g}")
+    if not 0 <= overlap < 1:
+        raise InvalidInputError("--overlap", overlap, "a share from 0 to below 1")
+
+
 def plan_survey(
     views: int,
     altitude_m: float,
@@ -72,12 +82,7 @@ def plan_survey(
     Raises:
         InvalidInputError: A value is out of range, or the grid is larger than the stage.
     """
-    if views < 1:
-        raise InvalidInputError("--views", views, "at least 1")
-    if not altitude_m > 0:
-        raise InvalidInputError("--altitude", altitude_m, "metres above 0")
-    if not 0 <= overlap < 1:
-        raise InvalidInputError("--overlap", overlap, "a share from 0 to below 1")
+    check_grid(views, altitude_m, overlap)
     columns = survey_columns(views)
     rows = ceil(views / columns)
     step_x_m, step_y_m = nadir_spacing_m(altitude_m, overlap, intrinsics)
