@@ -154,9 +154,9 @@ class Simulation(BuiltWorld):
             due = self._sensors.following(due, motion)
             motion = motion if due.is_moving else None
         outline = self._outline(batch, due, settings, motion)
-        faults = self._sensors.depth_faults
+        faults = self._sensors.depth_faults, self._sensors.fault_batch(batch.id)
         sample = yield from self._views.sample(
-            outline, batch.world.scene(), *due, settings, progress, faults, started_s
+            outline, batch.world.scene(), *due, settings, progress, *faults, started_s
         )
         batch.sample_id += 1
         moved = {sensor.name: outline.rig_pose for sensor in due.all}

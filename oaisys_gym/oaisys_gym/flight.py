@@ -150,10 +150,14 @@ def check_action(action: object, size: int) -> FloatArray:
     Raises:
         InvalidInputError: It has another shape, or a number that is not finite.
     """
-    given = np.asarray(action)
+    expected = f"{size} finite numbers from -1 to 1"
+    try:
+        given = np.asarray(action)
+    except (TypeError, ValueError) as error:  # rows of different lengths
+        raise InvalidInputError("action", action, expected) from error
     is_real = given.shape == (size,) and given.dtype.kind in REAL_KINDS
     if not is_real or not np.isfinite(given).all():
-        raise InvalidInputError("action", given.tolist(), f"{size} finite numbers from -1 to 1")
+        raise InvalidInputError("action", given.tolist(), expected)
     return np.clip(given.astype(np.float64), -1, 1)
 
 

@@ -7,12 +7,14 @@ import tempfile
 import weakref
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
+from datetime import date
+from pathlib import Path, PurePath
 from typing import Any
 
+import numpy as np
 import yaml
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.system.socket_paths import socket_parent
@@ -50,6 +52,7 @@ class EpisodeSimulator:
             address: ``host:port`` or ``unix:PATH``; empty: start a simulator.
 
         Raises:
+            InvalidInputError: An argument is of another type, or empty.
             OaisysError: The process ended, or does not serve in time; quotes its log.
         """
         if os.getpid() != _IMPORTED_IN:
@@ -57,6 +60,11 @@ class EpisodeSimulator:
                 "this process was forked after gRPC had been imported, with which gRPC hangs: "
                 'give the vector environment context="spawn"'
             )
+        if not isinstance(address, str):
+            raise InvalidInputError("address", address, "a text, such as 127.0.0.1:50051")
+        if config is not None and (not isinstance(config, str | Path | Mapping) or config == ""):
+            expected = "a YAML file, a dictionary, or None for the default worlds"
+            raise InvalidInputError("config", config, expected)
         with ExitStack() as stack:
             if not address:
                 address = _start(stack, config)
@@ -64,6 +72,25 @@ class EpisodeSimulator:
             self.client = stack.enter_context(SimulatorClient(address, timeout_s=CALL_TIMEOUT_S))
             self.client.wait_ready(START_TIMEOUT_S)
             self.close = weakref.finalize(self, stack.pop_all().close)
+
+
+def _plain(value: object, field: str) -> Any:
+    """Return a value as YAML has it: numbers of NumPy as Python's, paths as texts.
+
+    Raises:
+        InvalidInputError: It has something else; names where.
+    """
+    if isinstance(value, Mapping):
+        return {_plain(key, field): _plain(each, f"{field}.{key}") for key, each in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(each, f"{field}.{index}") for index, each in enumerate(value)]
+    if isinstance(value, PurePath | str):
+        return str(value)
+    if value is None or isinstance(value, bool | int | float | date):
+        return value
+    raise InvalidInputError(field, value, "a number, a text, a list, a dictionary or None")
 
 
 def _start(stack: ExitStack, config: str | Path | Mapping[str, Any] | None) -> str:
@@ -74,9 +101,9 @@ def _start(stack: ExitStack, config: str | Path | Mapping[str, Any] | None) -> s
     )
     if isinstance(config, Mapping):
         file = folder / "worlds.yaml"
-        file.write_text(yaml.safe_dump(dict(config)), encoding="utf-8")
+        file.write_text(yaml.safe_dump(_plain(config, "config")), encoding="utf-8")
     else:
-        file = Path(config or DEFAULT_WORLDS)
+        file = DEFAULT_WORLDS if config is None else Path(config)
     address = f"unix:{folder}/server"
     command = python_command("oaisys_grpc", "serve", "--config", str(file), "--address", address)
     server = stack.enter_context(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.types import DEPTH, FloatArray, Pose
+from oaisys_core.geometry import MAX_M
+from oaisys_core.types import DEPTH, FloatArray, ModuleMetadata, Pose
 from oaisys_gym.simulator import EpisodeSimulator
 
 RGB = "rgb"
@@ -28,11 +29,13 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
     """An environment in worlds of a simulator, seen by the first camera of its rig.
 
     An observation has the images of ``modalities`` by name: ``depth`` (H, W) float32, planar
-    metres, clipped to ``max_range_m``; ``rgb`` (H, W, 3) uint8; ``semantic_0`` (H, W) uint16;
-    ``instance`` (H, W) uint32. What else it has, each environment says.
+    metres, clipped to ``max_range_m``, 0 where a sensor with faults measured nothing; ``rgb``
+    (H, W, 3) uint8; ``semantic_0`` (H, W) uint16; ``instance`` (H, W) uint32. What else it has,
+    each environment says.
 
     The seed of `reset` decides on the world, the start and everything else that is drawn.
-    ``options={"world_seed": 7}`` asks for one world. Episodes in the same world build it once.
+    ``options={"world_seed": 7}`` asks for one world. Episodes in the same world build it once,
+    unless `reset` is given a seed.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as gymnasium declares it
@@ -65,14 +68,13 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
             InvalidInputError: The camera has no such modality, or another argument is wrong.
             OaisysError: The simulator cannot be used.
         """
-        if not (np.isfinite(max_range_m) and max_range_m > 0):
-            raise InvalidInputError("max_range_m", max_range_m, "a finite number above 0")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidInputError("render_mode", render_mode, "None or 'rgb_array'")
         self.render_mode = render_mode
-        self.max_range_m = max_range_m
-        self._world_seeds = [_checked_seed("world_seeds", seed) for seed in world_seeds]
-        self._modalities = tuple(dict.fromkeys(modalities))
+        self.max_range_m = _checked_range_m(max_range_m)
+        seeds = _listed("world_seeds", world_seeds, "whole numbers")
+        self._world_seeds = [_checked_seed("world_seeds", seed) for seed in seeds]
+        self._modalities = _names("modalities", modalities)
         self._simulator = EpisodeSimulator(config, address)
         try:
             self._sensor = self._simulator.client.info().sensors[0]
@@ -94,13 +96,17 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
             InvalidInputError: There is no such option.
         """
         super().reset(seed=seed)
+        if options is not None and not isinstance(options, Mapping):
+            raise InvalidInputError("options", options, "a dictionary with world_seed")
         unknown = sorted(set(options or {}) - {"world_seed"})
         if unknown:
             raise InvalidInputError("options", unknown[0], "world_seed")
         wanted = (options or {}).get("world_seed")
         # Drawn in any case: an option must not change what else an episode draws.
         drawn = self._draw_world_seed()
-        self._enter_world(drawn if wanted is None else _checked_seed("world_seed", wanted))
+        world_seed = drawn if wanted is None else _checked_seed("world_seed", wanted)
+        # What samples draw counts on within a world.
+        self._enter_world(world_seed, anew=seed is not None)
         self._begin()
         return self._observe(), self._info()
 
@@ -175,7 +181,8 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
         """Return the images of an observation."""
         images = {name: self._images[name] for name in self._modalities}
         if DEPTH in images:
-            images[DEPTH] = np.clip(images[DEPTH], 0, self.max_range_m)
+            measured_m = np.nan_to_num(images[DEPTH], nan=0.0, neginf=0.0)
+            images[DEPTH] = np.clip(measured_m, 0, self.max_range_m)
         return images
 
     def _draw_world_seed(self) -> int:
@@ -183,10 +190,13 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
             return int(self.np_random.choice(self._world_seeds))
         return int(self.np_random.integers(MAX_WORLD_SEED))
 
-    def _enter_world(self, seed: int) -> None:
+    def _enter_world(self, seed: int, *, anew: bool) -> None:
         client = self._simulator.client
-        if seed != self._world_seed or client.info().batch_id != self._batch_id:
-            self._batch_id = client.step_batch(seed=seed)
+        stays = seed == self._world_seed and client.info().batch_id == self._batch_id
+        if anew or not stays:
+            # Faults of sensors are drawn from the number of the batch, which counts on.
+            by_seed = ModuleMetadata(sensor={"faults": {"batch": seed}})
+            self._batch_id = client.step_batch(seed=seed, reuse_stage=stays, metadata=by_seed)
             self._world_seed = seed
             self._extent_m = np.reshape(np.array(client.info().stage_extent_m), (2, 2))
 
@@ -207,6 +217,30 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
             return spaces.Box(0, 2**32 - 1, size, np.uint32)
         expected = "depth, rgb, semantic_N or instance in an observation"
         raise InvalidInputError("modalities", modality, expected)
+
+
+def _checked_range_m(value: object) -> float:
+    is_number = isinstance(value, int | float | np.integer | np.floating)
+    if not is_number or isinstance(value, bool) or not 0 < value <= MAX_M:  # type: ignore[operator]
+        expected = f"a finite number above 0, of at most {MAX_M:g}"
+        raise InvalidInputError("max_range_m", value, expected)
+    return float(value)  # type: ignore[arg-type]
+
+
+def _listed(field: str, values: object, of: str) -> list[Any]:
+    """Return the values of a sequence, which is no text."""
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable):
+        raise InvalidInputError(field, values, f"a sequence of {of}")
+    return list(values)
+
+
+def _names(field: str, values: object) -> tuple[str, ...]:
+    """Return the names in a sequence, each once."""
+    names = _listed(field, values, "names")
+    for name in names:
+        if not isinstance(name, str):
+            raise InvalidInputError(field, name, "a name")
+    return tuple(dict.fromkeys(names))
 
 
 def _checked_seed(field: str, seed: object) -> int:

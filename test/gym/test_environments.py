@@ -56,6 +56,53 @@ def test_images_come_by_modality_and_depth_ends_at_the_range(address: str) -> No
     environment.close()
 
 
+@pytest.mark.parametrize("task", TASKS)
+def test_the_seed_of_an_episode_decides_on_all_that_is_drawn(
+    task: str, faulty: EpisodeSimulator
+) -> None:
+    """Faults and redrawn light went on from one episode to the next, and from world to world."""
+    environment = gymnasium.make(
+        f"oaisys/{task}-v0",
+        address=faulty.address,
+        modalities=("depth", "rgb"),
+        world_seeds=(3,),
+        disable_env_checker=True,
+    )
+
+    def episode(seed: int) -> list[dict[str, np.ndarray]]:
+        seen = [environment.reset(seed=seed)[0]]
+        environment.action_space.seed(1)
+        seen += [environment.step(environment.action_space.sample())[0] for _ in range(2)]
+        return [*seen, environment.reset()[0]]
+
+    first, other, again = episode(7), episode(8), episode(7)
+    for before, after in zip(first, again, strict=True):
+        for name, values in before.items():
+            np.testing.assert_array_equal(values, after[name], err_msg=name)
+        assert environment.observation_space.contains(before)
+    assert not np.array_equal(first[0]["rgb"], first[1]["rgb"])
+    assert not np.array_equal(first[0]["depth"], other[0]["depth"])
+    environment.close()
+
+
+def test_depth_is_0_where_a_sensor_measured_nothing(faulty: EpisodeSimulator) -> None:
+    """NaN of missing pixels and -inf of those too near left the space or were clipped to 0 m."""
+    environment = gymnasium.make(
+        "oaisys/DriveToGoal-v0", address=faulty.address, world_seeds=(3,), max_range_m=6.0
+    )
+    observation, _ = environment.reset(seed=7)
+    depth_m = observation["depth"]
+    inner: Any = environment.unwrapped
+    measured_m = inner._images["depth"]
+    assert np.isnan(measured_m).mean() == pytest.approx(0.3, abs=0.03)
+    assert np.isneginf(measured_m).any()
+    np.testing.assert_array_equal(depth_m == 0, np.isnan(measured_m) | np.isneginf(measured_m))
+    assert depth_m[depth_m > 0].min() >= 4.0
+    assert depth_m.max() == 6.0
+    assert environment.observation_space.contains(observation)
+    environment.close()
+
+
 def test_the_rover_drives_the_distance_of_its_speed(address: str) -> None:
     environment = gymnasium.make("oaisys/DriveToGoal-v0", address=address, world_seeds=(3,))
     environment.reset(seed=2)
@@ -94,6 +141,14 @@ def test_a_rover_stops_at_the_stages_edge(address: str) -> None:
         ({"render_mode": "human"}, "render_mode: received 'human'"),
         ({"world_seeds": (-1,)}, "world_seeds: received -1"),
         ({"world_seeds": (True,)}, "world_seeds: received True"),
+        ({"world_seeds": 5}, "world_seeds: received 5"),
+        ({"max_range_m": "x"}, "max_range_m: received 'x'"),
+        ({"max_range_m": None}, "max_range_m: received None"),
+        ({"max_range_m": True}, "max_range_m: received True"),
+        ({"max_range_m": 1e300}, r"max_range_m: received 1e\+300"),
+        ({"modalities": None}, "modalities: received None"),
+        ({"modalities": "depth"}, "modalities: received 'depth'"),
+        ({"modalities": (3,)}, "modalities: received 3"),
     ],
 )
 def test_wrong_arguments_are_refused_by_name(
@@ -114,7 +169,24 @@ def test_wrong_actions_and_options_are_refused(address: str) -> None:
         environment.step(np.array((np.nan, 0), np.float32))
     with pytest.raises(InvalidInputError, match="options: received 'world'"):
         environment.reset(options={"world": 3})
+    with pytest.raises(InvalidInputError, match="options: received 5"):
+        environment.reset(options=5)  # type: ignore[arg-type]
     environment.close()
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ("", "config: received ''"),
+        (5, "config: received 5"),
+        ({"stage": {"extent_m": {1, 2}}}, r"config\.stage\.extent_m: received \{1, 2\}"),
+        ({"seed": [1, object()]}, r"config\.seed\.1: received <object"),
+    ],
+)
+def test_what_is_no_configuration_is_refused_by_name(config: Any, message: str) -> None:
+    """Empty text was the default worlds."""
+    with pytest.raises(InvalidInputError, match=message):
+        EpisodeSimulator(config, "")
 
 
 @pytest.mark.parametrize("name", ["NextBestView", "Coverage", "DriveToGoal"])
@@ -126,7 +198,9 @@ def test_what_is_no_action_is_refused_and_the_episode_goes_on(name: str, address
     with pytest.raises(gymnasium.error.ResetNeeded):
         environment.step(np.zeros(size, np.float32))
     environment.reset(seed=1)
-    none: tuple[Any, ...] = (np.full(size, np.inf), "x", None, np.full(size, 1j), np.zeros(7), -1)
+    ragged = [1, [2]]
+    infinite, imaginary = np.full(size, np.inf), np.full(size, 1j)
+    none: tuple[Any, ...] = (ragged, infinite, "x", None, imaginary, np.zeros(7), -1)
     for action in none:
         with pytest.raises(InvalidInputError, match="action: received"):
             environment.step(action)

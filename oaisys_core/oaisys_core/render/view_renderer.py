@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from oaisys_core.errors import RenderError
 from oaisys_core.render.base import Backend, FrameGroup
@@ -20,7 +21,6 @@ from oaisys_core.types import (
     RANGE,
     Frame,
     FrameName,
-    LidarScan,
     ProgressCallback,
     Sample,
     SampleOutline,
@@ -62,6 +62,7 @@ class ViewRenderer:
         settings: RenderSettings,
         progress: ProgressCallback,
         faults: DepthFaults | None,
+        fault_batch: int,
         started_s: float,
     ) -> SampleSteps:
         """Render what sensors see of ``scene``, which the backend was given.
@@ -72,6 +73,7 @@ class ViewRenderer:
             outline: Of the sample; whether it comes from the cache is set here.
             faults: Errors of depth sensors, if any. Views with such errors are not cached, because
                 no two samples have the same noise.
+            fault_batch: Number of the batch from which they are drawn.
             started_s: When the sample began, by `time.perf_counter`.
         """
         key = None
@@ -79,7 +81,8 @@ class ViewRenderer:
             key = self._cache.key(outline.provenance, scene, cameras, settings)
         view = self._cache.get(key)
         outline = replace(outline, from_cache=view is not None)
-        scans = self._scans(outline, lidars)
+        capture_of = partial(CaptureId, fault_batch, outline.sample_id)
+        scans = tuple(self._backend.scan(each, capture_of(each.name)) for each in lidars)
         if scans:
             yield outline, FrameGroup.of((), scans)
         finished_ns = time.monotonic_ns()
@@ -90,7 +93,7 @@ class ViewRenderer:
             groups = []
             for rendered in self._backend.render(cameras, settings, progress):
                 finished_ns = time.monotonic_ns()
-                groups.append(rendered.map_frames(lambda f: self._measure(f, faults, outline)))
+                groups.append(rendered.map_frames(lambda f: self._measure(f, faults, capture_of)))
                 yield outline, groups[-1]
             view = self._collect_view(outline, groups, settings)
             self._cache.add(key, view)
@@ -112,22 +115,15 @@ class ViewRenderer:
             scans=scans,
         )
 
-    def _scans(
-        self, outline: SampleOutline, lidars: Sequence[PlacedLidar]
-    ) -> tuple[LidarScan, ...]:
-        ids = outline.batch_id, outline.sample_id
-        return tuple(self._backend.scan(lidar, CaptureId(*ids, lidar.name)) for lidar in lidars)
-
     def _measure(
-        self, frames: tuple[Frame, ...], faults: DepthFaults | None, outline: SampleOutline
+        self,
+        frames: tuple[Frame, ...],
+        faults: DepthFaults | None,
+        capture_of: Callable[[str], CaptureId],
     ) -> tuple[Frame, ...]:
         """Return what sensors measure instead of the true frames, placed where frames are kept."""
         if faults is not None:
-            captures = [
-                CaptureId(outline.batch_id, outline.sample_id, frame.sensor) for frame in frames
-            ]
-            measured = zip(frames, captures, strict=True)
-            frames = tuple(measure_frame(frame, faults, capture) for frame, capture in measured)
+            frames = tuple(measure_frame(each, faults, capture_of(each.sensor)) for each in frames)
         return self._place_frames(frames)
 
     def _collect_view(

@@ -71,6 +71,23 @@ def test_frames_have_the_noise_of_their_sample_and_sensor() -> None:
     assert truth.odometry is None
 
 
+def test_a_world_that_is_built_again_may_have_the_same_faults() -> None:
+    """Faults are drawn from the number of the batch, which counts on: each had others."""
+    again = simulation(NOISE | DRIFT | {"batch": 7})
+    first = [again.step_sample() for _ in range(2)]
+    again.step_batch(seed=5)
+    for before in first:
+        after = again.step_sample()
+        assert (after.batch_id, before.batch_id) == (2, 1)
+        assert images(after) == images(before)
+        assert after.odometry == before.odometry
+    assert images(first[0]) != images(first[1])
+    faults = DepthFaults(9, "quadratic", max_depth_m=10.5, missing_ratio=0.1)
+    truth = simulation().step_sample().frame("left", "depth")
+    told = measure_frame(truth, faults, CaptureId(7, 1, "left")).data
+    assert images(first[0])["left", "depth"] == told.tobytes()
+
+
 def test_metadata_switches_noise_until_the_next_batch() -> None:
     true, noisy = simulation(), simulation(NOISE)
     assert images(noisy.step_sample(changed(enabled=False))) == images(true.step_sample())

@@ -249,13 +249,17 @@ class SensorsModule(Module):
         """Whether the rig's estimate of its pose drifts with each sample."""
         return any(self._drift_sigmas)
 
+    def fault_batch(self, batch_id: int) -> int:
+        """Return the number of the batch from which faults are drawn."""
+        return batch_id if self._faults.batch is None else self._faults.batch
+
     def odometry(self, batch_id: int, sample_id: int) -> Odometry | None:
         """Return the rig's estimate of its pose at a sample; None without drift."""
         sigmas = self._drift_sigmas
         if not any(sigmas):
             return None
         pose, seed = require(self.rig_pose), self._faults.seed
-        return self._drift.odometry(pose, sigmas, seed, batch_id, sample_id)
+        return self._drift.odometry(pose, sigmas, seed, self.fault_batch(batch_id), sample_id)
 
     def _place(self, world: World) -> None:
         if self.rig_pose is not None:

@@ -25,6 +25,8 @@ class FaultsConfig(Section):
     Attributes:
         enabled: Whether faults are applied; metadata may turn them off for a sample.
         seed: Root seed of the faults.
+        batch: Number that stands for the batch's in these draws, so that a world that is built
+            again has the same faults; null: its own, so that no two batches have the same.
         depth_noise: Noise model of a depth z: ``gaussian`` with standard deviation
             ``depth_sigma_m``, ``quadratic`` with ``depth_sigma_m + depth_sigma_per_m * z**2``, or
             ``kinect`` for structured light.
@@ -39,6 +41,7 @@ class FaultsConfig(Section):
 
     enabled: bool = True
     seed: int = Field(default=0, ge=0, lt=2**63)
+    batch: int | None = Field(default=None, ge=0, lt=2**63)
     depth_noise: Literal["none", "gaussian", "quadratic", "kinect"] = "none"
     depth_sigma_m: Distance = 0.01
     depth_sigma_per_m: float = Field(default=0.001, ge=0, le=1000)
