@@ -72,7 +72,7 @@ class TerrainEnv(gymnasium.Env[Any, Action], ABC):
             raise InvalidInputError("render_mode", render_mode, "None or 'rgb_array'")
         self.render_mode = render_mode
         self.max_range_m = _checked_range_m(max_range_m)
-        seeds = _listed("world_seeds", world_seeds, "whole numbers")
+        seeds = _list_of("world_seeds", world_seeds, "whole numbers")
         self._world_seeds = [_checked_seed("world_seeds", seed) for seed in seeds]
         self._modalities = _names("modalities", modalities)
         self._simulator = EpisodeSimulator(config, address)
@@ -227,16 +227,16 @@ def _checked_range_m(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def _listed(field: str, values: object, of: str) -> list[Any]:
+def _list_of(field: str, values: object, kind: str) -> list[Any]:
     """Return the values of a sequence, which is no text."""
     if isinstance(values, str | bytes) or not isinstance(values, Iterable):
-        raise InvalidInputError(field, values, f"a sequence of {of}")
+        raise InvalidInputError(field, values, f"a sequence of {kind}")
     return list(values)
 
 
 def _names(field: str, values: object) -> tuple[str, ...]:
     """Return the names in a sequence, each once."""
-    names = _listed(field, values, "names")
+    names = _list_of(field, values, "names")
     for name in names:
         if not isinstance(name, str):
             raise InvalidInputError(field, name, "a name")

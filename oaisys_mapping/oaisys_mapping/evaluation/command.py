@@ -114,7 +114,7 @@ def evaluate(
         max_overlap_holes=max_overlap_holes,
         min_iou=min_iou,
     )
-    _require_measured(evaluation.unmeasured, max_offset, max_overlap_holes, min_iou)
+    _require_measured(evaluation.missing_figures, max_offset, max_overlap_holes, min_iou)
     missed = thresholds.misses_of(evaluation.metrics)
     figures = {
         **evaluation.metrics.to_dict(),

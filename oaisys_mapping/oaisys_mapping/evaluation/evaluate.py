@@ -60,7 +60,7 @@ class Evaluation(ShortRepr):
     visible_truth_distance_m: FloatArray
 
     @property
-    def unmeasured(self) -> dict[str, str]:
+    def missing_figures(self) -> dict[str, str]:
         """Figures with a limit that nothing was measured of, by name, and what is missing."""
         metrics, missing = self.metrics, {}
         near = self.reconstruction_distance_m <= OFFSET_VOXELS * metrics.voxel_size_m
