@@ -92,7 +92,7 @@ def render(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.cli.rendering.pose_steps import ViewSteps
     from oaisys_core.config import SimulationConfig, adjust, load_config
-    from oaisys_core.files.folders import make_folder
+    from oaisys_core.files.folders import own_folder
     from oaisys_core.files.poses import PoseSelection
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
@@ -122,8 +122,8 @@ def render(
         steps = ViewSteps(position, look_at, output.samples, is_on_ground=on_ground)
     elif on_ground:
         raise InvalidInputError("on-ground", on_ground, "none without --position and --look-at")
-    writer = SampleWriter(make_folder(output.folder), output.batch_offset)
-    with own_stdout():
+    writer = SampleWriter(output.folder, output.batch_offset)
+    with own_folder(output.folder), own_stdout():
         simulation = Simulation(chosen)
         for note in texture_notes(chosen):
             typer.echo(note, err=True)

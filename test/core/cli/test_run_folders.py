@@ -1,0 +1,36 @@
+"""A folder for output has one command that writes to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from oaisys_core.cli.main import app
+from oaisys_core.files.folders import own_folder
+
+WORLD = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 12.0, "resolution_px": 33},
+    "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
+    "sensors": {
+        "cameras": [{"name": "camera", "width_px": 16, "height_px": 12, "fx_px": 14, "fy_px": 14}]
+    },
+    "render": {"quality": "geometry"},
+}
+
+
+@pytest.mark.parametrize("more", [[], ["--resume"]])
+def test_a_folder_that_another_command_writes_to_is_refused(
+    tmp_path: Path, more: list[str]
+) -> None:
+    config = tmp_path / "world.yaml"
+    config.write_text(yaml.safe_dump(WORLD), encoding="utf-8")
+    arguments = ["render", "--config", str(config), "--out", str(tmp_path / "out"), *more]
+    with own_folder(tmp_path / "out"):
+        refused = CliRunner().invoke(app, arguments)
+        assert refused.exit_code != 0
+        assert "another command is writing to it" in str(refused.exception)
+        assert list((tmp_path / "out").iterdir()) == []
