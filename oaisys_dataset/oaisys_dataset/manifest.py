@@ -95,7 +95,7 @@ class FrameRecord(SensorRecord):
     sensor: Name
     split: SplitName
     world_seed: Seed
-    config_sha256: Label
+    config_sha256: Sha256
     metadata: Mapping[str, Any]
     T_map_camera: Matrix
     intrinsics: CameraFields
@@ -207,7 +207,7 @@ class MergedSet:
     place: Label
     first_world: Ordinal
     config: Annotated[Mapping[str, Any], fields_of(_ConfigFields)]
-    config_sha256: Label
+    config_sha256: Sha256
     seed: Seed
     worlds: Count
     views: Count
@@ -248,7 +248,7 @@ class DatasetInfo(Record):
     optional: ClassVar[frozenset[str]] = frozenset({"merged"})
 
     config: Annotated[Mapping[str, Any], fields_of(_ConfigFields)]
-    config_sha256: Label
+    config_sha256: Sha256
     seed: Seed
     worlds: Count
     views: Count

@@ -25,6 +25,7 @@ from oaisys_core.output.record_types import (
     ProvenanceFields,
     Seconds,
     Seed,
+    Sha256,
     SplitName,
 )
 from oaisys_core.types import POINTS, LidarScan
@@ -67,7 +68,7 @@ class ScanRecord(SensorRecord):
     sensor: Name
     split: SplitName
     world_seed: Seed
-    config_sha256: Label
+    config_sha256: Sha256
     T_map_lidar: Matrix
     stamp_s: Seconds
     points: PointsRecord

@@ -43,6 +43,8 @@ NO_NAMES = (
 )
 NO_NUMBERS: tuple[Any, ...] = (-1, 10**12, 10**300, True, "7", 1.5, None, [], {})
 NO_LENGTHS: tuple[Any, ...] = (float("nan"), float("inf"), -float("inf"), 1e300, "1", None, [])
+NO_HASHES = ("", "x", "../../x", "A" * 64, "0" * 63, 7, None)
+NO_OBJECTS = ("[", "[]", "7", '{"a": 1, "a": 2}', "[" * 10_000, 7, None)
 
 Change = Callable[[dict[str, Any]], Any]
 
@@ -92,6 +94,15 @@ FIELDS: dict[tuple[str | int, ...], tuple[Any, ...]] = {
     ("label_pixels",): ({"a": 1}, {"-1": 1}, {"1": -1}, {"70000": 1}, [], {"1": 10**30}),
     ("provenance",): ({}, [], None),
     ("provenance", "batch_seed"): (-1, "x", 10**80),
+    ("config_sha256",): NO_HASHES,
+    ("provenance", "config_sha256"): NO_HASHES,
+    ("provenance", "metadata_json"): NO_OBJECTS,
+    ("provenance", "previous_poses_json"): NO_OBJECTS,
+    ("provenance", "motion_json"): NO_OBJECTS,
+    ("provenance", "exposures_json"): (
+        *NO_OBJECTS,
+        *('{"camera": "x"}', '{"camera": NaN}', '{"camera": true}', '{"camera": [1]}'),
+    ),
     ("rig_pose",): ({}, [], None),
     ("rig_pose", "position_m"): ([1, 2], [float("nan")] * 3, None),
     ("software",): ([], {"a": 1}, {"a": "b\0"}),

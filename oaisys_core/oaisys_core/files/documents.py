@@ -204,6 +204,8 @@ def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
         data = yaml.load(text, Loader=loader_class)  # noqa: S506
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         raise error if isinstance(error, DocumentError) else DocumentError(str(error)) from error
+    except (LookupError, AttributeError, TypeError) as error:  # PyYAML's, of texts and their tags
+        raise DocumentError(_misfit(root)) from error
     return data, root
 
 
@@ -282,6 +284,32 @@ def _check_repeats(root: yaml.Node) -> None:
                 where = f"lines {lines[name]} and {line}" if lines[name] != line else f"line {line}"
                 raise DocumentError(f"the key {quote(name[1])} stands twice, on {where}")
             lines[name] = line
+
+
+def _misfit(root: yaml.Node | None) -> str:
+    """Return what is wrong with the first scalar whose text its tag does not fit."""
+    import yaml
+
+    loader = yaml.SafeLoader("")
+    seen: set[int] = set()
+    nodes = [] if root is None else [root]
+    while nodes:
+        node = nodes.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if not isinstance(node, yaml.ScalarNode):
+            nodes.extend(_children(node))
+            continue
+        try:
+            loader.construct_object(node)
+        except yaml.YAMLError:
+            continue
+        except (LookupError, AttributeError, TypeError):
+            tag = node.tag.replace("tag:yaml.org,2002:", "!!")
+            line = _line(node.start_mark)
+            return f"line {line}: received {quote(node.value)}, expected what {quote(tag)} may be"
+    return "a value is not what its tag says"
 
 
 def _line(mark: Any) -> int:

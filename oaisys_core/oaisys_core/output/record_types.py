@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from math import isfinite
 from typing import Annotated, Any, ClassVar, TypeVar, cast
 
 from pydantic import (
@@ -24,6 +25,7 @@ from pydantic_core import core_schema
 
 from oaisys_core.config.expectations import faults_of
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json
 from oaisys_core.files.names import NAME_EXPECTED, is_name
 from oaisys_core.types import EQUIDISTANT, PLUMB_BOB
 
@@ -55,6 +57,19 @@ def _in_a_line(text: str) -> str:
     return text
 
 
+def _json_object(text: str) -> str:
+    if text and not isinstance(parse_json(text), dict):
+        raise ValueError("expected a JSON object, or nothing")
+    return text
+
+
+def _exposures(text: str) -> str:
+    values = parse_json(text).values() if text else ()
+    if not all(type(value) in (int, float) and isfinite(value) for value in values):
+        raise ValueError("expected finite numbers as JSON by the camera's name, or nothing")
+    return text
+
+
 def _split(text: str) -> str:
     if not text.isidentifier():
         raise ValueError("expected a name out of letters, digits and _, such as train")
@@ -70,6 +85,9 @@ Name = Annotated[Text, AfterValidator(_type_name)]
 
 SplitName = Annotated[str, Strict(), Field(max_length=64), AfterValidator(_split)]
 Sha256 = Annotated[str, Strict(), Field(pattern=r"^[0-9a-f]{64}$")]
+JsonObject = Annotated[str, Strict(), AfterValidator(_json_object)]
+"""Empty, or a JSON object as text."""
+
 Seed = Annotated[int, Strict(), Field(ge=0, lt=2**64)]
 Number = Annotated[int, Strict(), Field(ge=0, lt=2**63)]
 Ordinal = Annotated[int, Strict(), Field(ge=0, lt=1_000_000)]
@@ -153,7 +171,7 @@ class _ProvenanceFields:
 
     seed: Seed
     batch_seed: Seed
-    config_sha256: Label
+    config_sha256: Sha256
     backend: Label
     backend_version: Label
     quality: Label
@@ -161,10 +179,10 @@ class _ProvenanceFields:
     device: Label = "cpu"
     stage_seed: Seed = 0
     asset_seed: Seed = 0
-    metadata_json: Annotated[str, Strict()] = ""
-    previous_poses_json: Annotated[str, Strict()] = ""
-    exposures_json: Annotated[str, Strict()] = ""
-    motion_json: Annotated[str, Strict()] = ""
+    metadata_json: JsonObject = ""
+    previous_poses_json: JsonObject = ""
+    exposures_json: Annotated[JsonObject, AfterValidator(_exposures)] = ""
+    motion_json: JsonObject = ""
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,24 @@ def test_hostile_yaml_is_refused_at_once(tmp_path: Path, what: str) -> None:
         load_steps(file)
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: 1\nseed: !!bool abc\n", "line 2: received 'abc', expected what '!!bool' may be"),
+        ("seed: !!timestamp x\n", "received 'x', expected what '!!timestamp' may be"),
+        ("- !!timestamp 99999-99-99\n", "received '99999-99-99'"),
+        ('seed: !!int ""\n', "line 1: received '', expected what '!!int' may be"),
+        ('<<: {b: 2}\na: [!!float ""]\n', "expected what '!!float' may be"),
+        ("!!bool abc: 1\n", "received 'abc', expected what '!!bool' may be"),
+        ("a: !!int abc\n", "abc"),
+    ],
+)
+def test_a_text_that_its_tag_does_not_fit_is_refused(text: str, told: str) -> None:
+    with pytest.raises(DocumentError) as refused:
+        parse_yaml(text)
+    assert told in str(refused.value)
+
+
 REPEATED = {
     "a section": ("assets: {}\nstage: {}\nassets: {}\n", "'assets' stands twice, on lines 1 and 3"),
     "in a list": ("a:\n- b: 1\n  c: 2\n  b: 1\n", "'b' stands twice, on lines 2 and 4"),

@@ -49,7 +49,7 @@ def sample() -> Sample:
         frame("semantic_0", rng.integers(0, 65536, (6, 8)).astype(np.uint16)),
         frame("instance", rng.integers(0, 65536, (6, 8)).astype(np.uint32)),
     )
-    provenance = Provenance(1, 2, "ab", "analytic", "0", "standard", 4)
+    provenance = Provenance(1, 2, "ab" * 32, "analytic", "0", "standard", 4)
     pose = Pose((1.0, 2.5, 1 / 3), (0.0, 0.6, 0.0, 0.8))
     return Sample(1, 7, pose, frames, 0.1, provenance)
 
