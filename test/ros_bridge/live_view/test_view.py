@@ -126,7 +126,8 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
     environment = {**os.environ, "ROS_DOMAIN_ID": str(ros_domain_id)}
     world = tmp_path / "world.yaml"
     world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
-    options = ("--config", str(world), "--views", "2", "--size", "64x48", "--no-bag", "--no-faults")
+    # More than are waited for: the view may join the graph after the first one is published.
+    options = ("--config", str(world), "--views", "4", "--size", "64x48", "--no-bag", "--no-faults")
     with watching(tmp_path, "--ros", "--views", "2") as (process, out):
         survey = subprocess.run(
             [*COMMAND, "survey", *options, "--out", str(tmp_path / "survey")],
