@@ -158,17 +158,6 @@ def decode_texture(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[n
         raise MESH_TEXTURE.refusal(name, error) from error
 
 
-def tiff_as_png(data: bytes, name: str) -> bytes:
-    """Return the PNG file, of 8 bits, of a checked TIFF image; errors as of `decode_texture`."""
-    import cv2
-
-    colors, alpha = _split_tiff(data, name)
-    pixels = colors[..., ::-1] if alpha is None else np.dstack([colors[..., ::-1], alpha])
-    fast = (cv2.IMWRITE_PNG_COMPRESSION, 0)
-    _, file = cv2.imencode(".png", np.ascontiguousarray(pixels), fast)
-    return bytes(file)
-
-
 def _split_tiff(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     pixels = decode_pixels(data, MESH_TEXTURE, name)
     if not np.isfinite(pixels).all():

@@ -8,11 +8,10 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError, show_field
 from oaisys_core.files.documents import read_bytes
-from oaisys_core.files.image_formats.image_headers import image_size, is_tiff
+from oaisys_core.files.image_formats.image_headers import image_size
 from oaisys_core.files.image_formats.images import MESH_TEXTURE
 from oaisys_core.files.mesh_formats.mesh_headers import MAX_BYTES
 from oaisys_core.files.references import resolve_reference
-from oaisys_core.procedural.meshes.loaded import tiff_as_png
 
 LOG = logging.getLogger(__name__)
 
@@ -48,7 +47,7 @@ class FileReferences:
             path = resolve_reference(self._file, str(name), self._field)
             data = self._content(path)
             if path.suffix.lower() in IMAGE_SUFFIXES:
-                data = check_texture(data, str(path))
+                check_texture(data, str(path))
         except InvalidInputError as error:
             self.refused = self.refused or error
             raise
@@ -96,15 +95,10 @@ class FileReferences:
         return self
 
 
-def check_texture(data: bytes, name: str) -> bytes:
-    """Return the image in a mesh's file as Pillow and trimesh read it: a TIFF image as PNG.
-
-    Raises:
-        InvalidInputError: It must not be decoded.
-    """
+def check_texture(data: bytes, name: str) -> None:
+    """Raise `InvalidInputError` if the image in a mesh's file must not be decoded."""
     try:
         size = image_size(data)
     except ValueError as error:
         raise MESH_TEXTURE.refusal(name, error) from error
     MESH_TEXTURE.check(*size, name)
-    return tiff_as_png(data, name) if is_tiff(data) else data
