@@ -86,11 +86,16 @@ class RequestQueue:
             request = taken.pop()
 
             def answer() -> None:
-                if self._ended:
-                    refuse(response, self._ended)
-                    send(response)
-                else:
-                    send(self._answer_of(callback, kind, name, request, response, refuse))
+                answered = response
+                try:
+                    if self._ended:
+                        refuse(response, self._ended)
+                    else:
+                        answered = callback(request, response)
+                except Exception as error:  # noqa: BLE001 - one request must not end the others
+                    answered = kind.Response()
+                    refuse(answered, self._fault(name, error))
+                send(answered)
 
             if reason := self.submit(answer):
                 refuse(response, reason)
@@ -104,24 +109,11 @@ class RequestQueue:
         if not send_later(service, take):
             service.callback = callback
 
-    def _answer_of(
-        self,
-        callback: Callback,
-        kind: Any,
-        name: str,
-        request: Any,
-        response: Any,
-        refuse: Refusal,
-    ) -> Any:
-        """Return the answer to a request; one that fails must not end what others use."""
-        try:
-            return callback(request, response)
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is said, and in the log
-            fault = f"{type(error).__name__}: {error}"
-            self._node.get_logger().error(f"{name}: {fault}\n{traceback.format_exc()}")
-            refused = kind.Response()
-            refuse(refused, f"a fault of {self._node.get_name()}, see its log: {fault}")
-            return refused
+    def _fault(self, service: str, error: Exception) -> str:
+        """Log an error that nobody expected, and return what its caller is told."""
+        fault = f"{type(error).__name__}: {error}"
+        self._node.get_logger().error(f"{service}: {fault}\n{traceback.format_exc()}")
+        return f"a fault of {self._node.get_name()}, see its log: {fault}"
 
     def submit(self, work: Callable[[], object]) -> str:
         """Do work in turn with the requests; return why not, or nothing."""

@@ -267,14 +267,7 @@ def _check_repeats(root: yaml.Node) -> None:
     """
     import yaml
 
-    seen: set[int] = set()
-    nodes = [root]
-    while nodes:
-        node = nodes.pop()
-        if id(node) in seen or isinstance(node, yaml.ScalarNode):
-            continue
-        seen.add(id(node))
-        nodes.extend(_children(node))
+    for node in _each_node(root):
         if not isinstance(node, yaml.MappingNode):
             continue
         lines: dict[tuple[str, str], int] = {}
@@ -291,15 +284,8 @@ def _misfit(root: yaml.Node | None) -> str:
     import yaml
 
     loader = yaml.SafeLoader("")
-    seen: set[int] = set()
-    nodes = [] if root is None else [root]
-    while nodes:
-        node = nodes.pop()
-        if id(node) in seen:
-            continue
-        seen.add(id(node))
+    for node in () if root is None else _each_node(root):
         if not isinstance(node, yaml.ScalarNode):
-            nodes.extend(_children(node))
             continue
         try:
             loader.construct_object(node)
@@ -314,6 +300,22 @@ def _misfit(root: yaml.Node | None) -> str:
 
 def _line(mark: Any) -> int:
     return int(mark.line) + 1
+
+
+def _each_node(root: yaml.Node) -> Iterator[yaml.Node]:
+    """Yield each node of a document once, whatever aliases stand for it."""
+    import yaml
+
+    seen: set[int] = set()
+    nodes = [root]
+    while nodes:
+        node = nodes.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        yield node
+        if not isinstance(node, yaml.ScalarNode):
+            nodes.extend(_children(node))
 
 
 def _children(node: yaml.Node) -> Iterator[yaml.Node]:

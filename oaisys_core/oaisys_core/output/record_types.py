@@ -57,14 +57,20 @@ def _in_a_line(text: str) -> str:
     return text
 
 
-def _json_object(text: str) -> str:
-    if text and not isinstance(parse_json(text), dict):
+def _object_in(text: str) -> dict[str, Any]:
+    data = parse_json(text) if text else {}
+    if type(data) is not dict:
         raise ValueError("expected a JSON object, or nothing")
+    return data
+
+
+def _json_object(text: str) -> str:
+    _object_in(text)
     return text
 
 
 def _exposures(text: str) -> str:
-    values = parse_json(text).values() if text else ()
+    values = _object_in(text).values()
     if not all(type(value) in (int, float) and isfinite(value) for value in values):
         raise ValueError("expected finite numbers as JSON by the camera's name, or nothing")
     return text
@@ -181,7 +187,7 @@ class _ProvenanceFields:
     asset_seed: Seed = 0
     metadata_json: JsonObject = ""
     previous_poses_json: JsonObject = ""
-    exposures_json: Annotated[JsonObject, AfterValidator(_exposures)] = ""
+    exposures_json: Annotated[str, Strict(), AfterValidator(_exposures)] = ""
     motion_json: JsonObject = ""
 
 

@@ -90,6 +90,7 @@ class EntityFilter:
 
     Attributes:
         points_m: The two points of the bounds; None without bounds.
+        is_sphere: Whether these are a centre, and a radius as x; else they are corners of a box.
         is_by_box: Whether all that the filters ask for is a box, or nothing.
 
     Raises:
