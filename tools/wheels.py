@@ -18,7 +18,7 @@ PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_dataset", "o
 NEEDED = (*PACKAGES, "launch", "config")
 """Folders of the checkout that are copied; the bridge takes the last two along."""
 
-IGNORED = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+IGNORED = shutil.ignore_patterns("build", "*.egg-info", "*.so", "__pycache__")
 TIMEOUT_S = 300.0
 
 

@@ -36,6 +36,8 @@ from tools.setup.three import THREE_VERSION, install_three
 
 _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
+_COMPILED = "oaisys_*/private/*.c"
+"""In each package, what its ``setup.py`` compiles."""
 
 
 def _stages(environment: Environment, programs: Programs) -> list[list[SetupStep]]:
@@ -43,7 +45,9 @@ def _stages(environment: Environment, programs: Programs) -> list[list[SetupStep
     requirements = digest(REQUIREMENTS, SETUP, INTERPRETER, str(environment.root))
     interfaces = digest(requirements, OAISYS_MSGS, *UNDERLAY)
     project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
-    packages = digest(requirements, VERSION, *(file for file in project if file.is_file()))
+    compiled = [file for package in PYTHON_PACKAGES for file in sorted(package.glob(_COMPILED))]
+    found = [file for file in project if file.is_file()]
+    packages = digest(requirements, VERSION, *found, *compiled)
     install = SetupStep(
         "requirements",
         "installing the pinned packages (4 GB)",

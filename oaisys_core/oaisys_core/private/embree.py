@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import sys
 import weakref
-from collections import deque
 from collections.abc import Sequence
 from ctypes import CDLL, PyDLL, c_char_p, c_int, c_size_t, c_ssize_t, c_uint, c_void_p
 from functools import cache
-from itertools import repeat
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -24,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import RenderError
+from oaisys_core.private.embree_loop import cast_packets
 from oaisys_core.system.fallbacks import report_fallback
 from oaisys_core.types import FloatArray
 
@@ -226,23 +225,13 @@ class EmbreeScene:
         """See `TriangleBvh.prepare`; the scene is built already."""
 
     def _cast(self, packets: NDArray[np.float32], function: Any, arguments: int | None) -> None:
-        """Write the hits into packets of rays, one call per packet.
+        """Write the hits into packets of rays.
 
         ``arguments`` is the address of Embree's arguments of a call; None: its own.
         """
         valid = _allocate_aligned((PACKET,), np.int32)
         valid[:] = -1
-        start, size = packets.ctypes.data, packets.strides[0]
-        addresses = range(start, start + packets.nbytes, size)
-        # Embree has no call for many packets; this loop runs without Python bytecode.
-        calls = map(
-            function,
-            repeat(valid.ctypes.data),
-            repeat(self.handle),
-            addresses,
-            repeat(arguments),
-        )
-        deque(calls, maxlen=0)
+        cast_packets(function, valid.ctypes.data, self.handle, packets, arguments)
 
 
 @cache

@@ -14,14 +14,20 @@ from oaisys_core.render.draft.appearance import Floats, normalise
 from oaisys_core.scene.sky import Sky
 from oaisys_core.types import FloatArray
 
-EDGE_RAYS = 8
-"""Rays to the disc where its share is neither none nor all."""
+EDGE_RAYS, CLUTTERED_RAYS = 8, 4
+"""Rays to the disc where its share is neither none nor all: along edges of shadows, and where edges
+are everywhere, as among leaves."""
+
+CLUTTER_PX, CLUTTER = 9, 0.5
+"""Edge length of the square around a pixel, and share of it beside others in another light from
+which on edges are everywhere. One straight edge has a third of a square."""
 
 COARSE_PX = 2
 """Edge of the squares of pixels of which one is looked at first."""
 
-RAY_PIXELS = 4
-"""Into how many times as many bands rays are divided as pixels of an image."""
+RAY_PIXELS, DISC_RAY_PIXELS = 8, 2
+"""Pixels of an image that are as much work as a ray to the middle of the sun, and as one of several
+to its disc: how rays are divided into bands."""
 
 BLOCK_PX = 2
 """Edge of the square of pixels whose rays go to different points of the disc, so that together they
@@ -71,8 +77,9 @@ class SunLight:
         """Take over where the rays of all pixels begin, row by row."""
         self._surface, self._starts = surface, starts
         self._to_sun = np.array(sky.to_sun)
-        discs = _discs(self._to_sun, sky.sun_angular_diameter_rad / 2)
-        self._discs = np.ascontiguousarray(np.moveaxis(discs, -1, 0))
+        radius_rad = sky.sun_angular_diameter_rad / 2
+        self._disc = _disc(self._to_sun, radius_rad, EDGE_RAYS)
+        self._coarse_disc = _disc(self._to_sun, radius_rad, CLUTTERED_RAYS)
 
     def share(self, may_see: NDArray[np.bool_], instance_ids: NDArray[np.uint32]) -> Floats:
         """Return the (H, W) share of the disc that is seen.
@@ -123,31 +130,42 @@ class SunLight:
         Pixels around those that are half in shadow follow. ``is_left`` is changed.
         """
         flat, square = share.reshape(-1), np.ones((3, 3), np.uint8)
+        edges = cv2.blur(is_edge.astype(np.float32), (CLUTTER_PX, CLUTTER_PX))
+        is_cluttered = edges.reshape(-1) > CLUTTER
         for _ in range(GROWTH):
             rows = np.flatnonzero(is_edge & is_left)
             if not len(rows):
                 break
-            flat[rows] = self._mean_shares(rows, _places(rows, share.shape[1]))
+            is_coarse = is_cluttered[rows]
+            for disc, some in (
+                (self._disc, rows[~is_coarse]),
+                (self._coarse_disc, rows[is_coarse]),
+            ):
+                if len(some):
+                    flat[some] = self._mean_shares(disc, some, _places(some, share.shape[1]))
             is_left.reshape(-1)[rows] = False
             is_partly = np.zeros(share.shape, np.uint8)
             is_partly.reshape(-1)[rows] = (flat[rows] > 0) & (flat[rows] < 1)
             is_edge = cv2.dilate(is_partly, square) > 0
 
-    def _mean_shares(self, pixels: NDArray[np.intp], places: NDArray[np.intp]) -> Floats:
-        """Return the (N,) shares of the disc's rays along which (N,) pixels see the sun.
+    def _mean_shares(
+        self, disc: FloatArray, pixels: NDArray[np.intp], places: NDArray[np.intp]
+    ) -> Floats:
+        """Return the (N,) shares of a disc's rays along which (N,) pixels see the sun.
 
         ``places`` are those of the pixels in squares of `BLOCK_PX`.
         """
         shares = np.empty(len(pixels), np.float32)
+        count = disc.shape[2]
 
         def cast(rows: slice) -> None:
             # By component, as the starts are.
-            rays = self._discs[:, places[rows]].reshape(3, -1).T
-            origins_m = np.repeat(self._starts.at(pixels[rows]).T, EDGE_RAYS, axis=1).T
+            rays = disc[:, places[rows]].reshape(3, -1).T
+            origins_m = np.repeat(self._starts.at(pixels[rows]).T, count, axis=1).T
             is_hidden = self._surface.are_occluded(origins_m, rays)
-            shares[rows] = 1 - is_hidden.reshape(-1, EDGE_RAYS).mean(axis=1, dtype=np.float32)
+            shares[rows] = 1 - is_hidden.reshape(-1, count).mean(axis=1, dtype=np.float32)
 
-        self._surface.each_band((len(pixels), EDGE_RAYS), cast)
+        self._surface.each_band((len(pixels), count * DISC_RAY_PIXELS), cast)
         return shares
 
 
@@ -174,17 +192,19 @@ def _places(pixels: NDArray[np.intp], width_px: int) -> NDArray[np.intp]:
     return row % BLOCK_PX * BLOCK_PX + column % BLOCK_PX
 
 
-def _discs(to_sun: FloatArray, radius_rad: float) -> FloatArray:
-    """Return (BLOCK_PX**2, EDGE_RAYS, 3) unit vectors to points spread evenly over the disc."""
+def _disc(to_sun: FloatArray, radius_rad: float, rays: int) -> FloatArray:
+    """Return (3, BLOCK_PX**2, R) unit vectors to points spread evenly over the disc."""
     aside = np.array((0.0, 0.0, 1.0)) if abs(to_sun[2]) < 0.9 else np.array((1.0, 0.0, 0.0))
     right = np.cross(aside, to_sun)
     right /= np.linalg.norm(right)
     up = np.cross(to_sun, right)
     places = BLOCK_PX**2
     place = np.arange(places)[:, None]
-    index = np.arange(EDGE_RAYS)
-    radius = sin(radius_rad) * np.sqrt((index + (place + 0.5) / places) / EDGE_RAYS)
+    index = np.arange(rays)
+    radius = sin(radius_rad) * np.sqrt((index + (place + 0.5) / places) / rays)
     turn = index * GOLDEN_RAD + place * (2 * pi / places)
     offset = radius[..., None] * (np.cos(turn)[..., None] * right + np.sin(turn)[..., None] * up)
-    rays = (to_sun + offset).reshape(-1, 3).astype(np.float32)
-    return normalise(rays).astype(np.float64).reshape(places, EDGE_RAYS, 3)
+    to_disc = normalise((to_sun + offset).reshape(-1, 3).astype(np.float32))
+    return np.ascontiguousarray(
+        to_disc.astype(np.float64).reshape(places, rays, 3).transpose(2, 0, 1)
+    )
