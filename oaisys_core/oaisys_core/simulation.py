@@ -186,7 +186,7 @@ class Simulation(BuiltWorld):
         if settings.time_budget_s is not None and how.render_samples:
             # How many samples there was time for is known now.
             counted = how.render_samples
-            settings = replace(settings, time_budget_s=None, samples=counted, max_samples=counted)
+            settings = replace(settings, time_budget_s=None).with_samples(counted)
         batch.sample_id = outline.sample_id - 1
         motion, started_s = motion_to_record(how), time.perf_counter()
         return complete(self._sample(batch, due, settings, motion, progress, started_s))

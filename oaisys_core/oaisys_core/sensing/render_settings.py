@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from oaisys_core.sensing.effects import NO_EFFECTS, Effects
@@ -37,6 +37,8 @@ class RenderSettings:
         white_balance: See `RenderConfig`.
         max_samples: Samples per pixel of views full of plants; others have between ``samples`` and
             so many. No more than ``samples``: all have ``samples``.
+        small_samples: Samples per pixel of small images, where samples take little time beside what
+            an image of any size does; 0: as many as others have.
         clutter: Set by the backend for each view: how full it is of fine things, from 0 to 1.
     """
 
@@ -55,8 +57,13 @@ class RenderSettings:
     auto_exposure: AutoExposure = STANDARD_METER
     white_balance: WhiteBalance = "daylight"
     max_samples: int = 0
+    small_samples: int = 0
     clutter: float = 0.0
 
     def renders(self, modality: str) -> bool:
         """Return whether a modality of a camera may be rendered."""
         return self.passes is None or modality in self.passes
+
+    def with_samples(self, samples: int) -> RenderSettings:
+        """Return these settings with so many samples per pixel in all views."""
+        return replace(self, samples=samples, max_samples=samples, small_samples=0)

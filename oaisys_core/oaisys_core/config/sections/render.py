@@ -110,7 +110,8 @@ class RenderConfig(Section):
         quality: Preset of samples per pixel and bounces. ``geometry`` renders no colour. ``draft``
             shades the rays that depth is cast with, in a fraction of a second and without noise;
             samples, bounces, denoising, depth of field and motion blur do not matter to it.
-        samples: Samples per pixel; None for those of the preset.
+        samples: Samples per pixel; None for those of the preset: 1 in ``preview``, or 6 in images
+            of up to 64×48 pixels, 3 in ``standard``, 8 in ``high``, 128 in ``final``.
         max_samples: Samples per pixel of views full of plants. Views have between ``samples`` and
             so many, by how much of them shows fine things such as leaves, or is in shade; images
             of up to 64×48 pixels have so many at once. None for that of the preset (6 in

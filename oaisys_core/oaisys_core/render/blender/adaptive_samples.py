@@ -64,12 +64,14 @@ class ViewNeed(NamedTuple):
 
 def adapt(surface: Surface, camera: PlacedCamera, settings: RenderSettings) -> RenderSettings:
     """Return the settings with a view's own samples per pixel and clutter."""
+    pixels = camera.intrinsics.width_px * camera.intrinsics.height_px
+    if 0 < settings.small_samples * pixels <= SMALL_IMAGE:
+        settings = settings.with_samples(settings.small_samples)
     is_adaptive = settings.max_samples > settings.samples
     if not is_adaptive and not (settings.denoise and settings.samples > 1):
         return settings
     need = view_need(surface, camera)
     most = max(settings.samples, settings.max_samples)
-    pixels = camera.intrinsics.width_px * camera.intrinsics.height_px
     samples = max(samples_for(need, settings.samples, most), min(most, SMALL_IMAGE // pixels))
     return replace(settings, samples=samples, clutter=need.clutter)
 

@@ -20,17 +20,18 @@ LIGHT_SEED = 0
 
 
 class QualityPreset(NamedTuple):
-    """The settings of a quality preset."""
+    """The settings of a quality preset; see `RenderSettings`."""
 
     samples: int
     max_bounces: int
     max_samples: int = 1
+    small_samples: int = 0
 
 
 PRESETS = {
     "geometry": QualityPreset(samples=1, max_bounces=0),
     "draft": QualityPreset(samples=1, max_bounces=0),
-    "preview": QualityPreset(samples=1, max_bounces=2),
+    "preview": QualityPreset(samples=1, max_bounces=2, small_samples=6),
     "standard": QualityPreset(samples=3, max_bounces=2, max_samples=6),
     "high": QualityPreset(samples=8, max_bounces=3),
     "final": QualityPreset(samples=128, max_bounces=4),
@@ -101,11 +102,13 @@ def _settings(config: RenderConfig, offered: frozenset[str]) -> RenderSettings:
     preset = PRESETS[config.quality]
     passes = frozenset(filter(config.renders, offered))
     most = config.max_samples or (preset.max_samples if config.samples is None else 1)
+    is_preset = config.samples is None and config.max_samples is None
     samples = config.samples or min(preset.samples, config.max_samples or preset.samples)
     return RenderSettings(
         quality=config.quality,
         samples=samples,
         max_samples=max(samples, most),
+        small_samples=preset.small_samples if is_preset else 0,
         max_bounces=preset.max_bounces if config.max_bounces is None else config.max_bounces,
         denoise=config.denoise,
         exposure_ev=config.exposure_ev,

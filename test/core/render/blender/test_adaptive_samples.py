@@ -102,6 +102,17 @@ def test_small_images_have_more_samples_within_the_bounds() -> None:
     assert found == [6, 5, 4, 3, 3]
 
 
+def test_small_images_of_one_sample_have_several_where_they_cost_little() -> None:
+    surface, found = Surface(flat_world(), None), []
+    for width_px, height_px in ((32, 24), (64, 48), (65, 52), (640, 480)):
+        intrinsics = replace(DOWN.intrinsics, width_px=width_px, height_px=height_px)
+        wanted = replace(settings(1), small_samples=6)
+        chosen = adapt(surface, replace(DOWN, intrinsics=intrinsics), wanted)
+        found.append((chosen.samples, chosen.max_samples))
+    assert [samples for samples, _ in found] == [6, 6, 1, 1]
+    assert found[0][1] == 6
+
+
 def test_a_picture_has_the_samples_that_its_view_needs() -> None:
     view = replace(DOWN, intrinsics=PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5))
     few, many, fixed = in_blender("adaptive.pictures", [flat_world(), reeds(0.3)], view)

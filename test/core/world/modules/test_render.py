@@ -84,6 +84,21 @@ def test_samples_are_a_range(render: dict[str, Any], bounds: tuple[int, int]) ->
     assert (backend.settings.samples, backend.settings.max_samples) == bounds
 
 
+@pytest.mark.parametrize(
+    ("render", "samples"),
+    [
+        ({"quality": "preview"}, 6),
+        ({"quality": "preview", "samples": 1}, 0),
+        ({"quality": "preview", "max_samples": 1}, 0),
+        ({"quality": "standard"}, 0),
+    ],
+)
+def test_small_previews_have_more_samples_unless_told(render: dict[str, Any], samples: int) -> None:
+    sim, backend = simulation(**render)
+    of_sample(sim)
+    assert backend.settings.small_samples == samples
+
+
 def test_quality_geometry_renders_no_colour() -> None:
     sim, _ = simulation()
     assert of_sample(sim, quality="geometry") == {"depth", "normal"}
