@@ -6,6 +6,7 @@ Paths in requests are `confine_paths` to the asset roots of the server's operato
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -133,13 +134,24 @@ def _absolute(path: Path, info: ValidationInfo) -> Path:
         return roots.find(path)
     base = (info.context or {}).get(BASE, Path())
     try:
-        return Path(base, path.expanduser()).resolve()
+        found = Path(base, path.expanduser())
+        return found.resolve(strict=_leads_in_circles(found))
     except (OSError, RuntimeError) as error:  # links in a circle, or ~ of a user who does not exist
         raise ValueError(f"expected a path that leads somewhere ({_reason(error)})") from error
 
 
+def _leads_in_circles(path: Path) -> bool:
+    """Return whether the system gives up links; `Path.resolve` does not from Python 3.13 on."""
+    try:
+        path.stat()
+    except OSError as error:
+        return error.errno == errno.ELOOP
+    return False
+
+
 def _reason(error: Exception) -> str:
-    return "its links go in a circle" if "Symlink loop" in str(error) else str(error)
+    is_circle = "Symlink loop" in str(error) or getattr(error, "errno", None) == errno.ELOOP
+    return "its links go in a circle" if is_circle else str(error)
 
 
 def _shown(path: Path) -> str:

@@ -201,20 +201,24 @@ class _Quiet:
         self._lock, self._inside, self._level = threading.Lock(), 0, 0
 
     def __enter__(self) -> None:
-        import cv2
-
         with self._lock:
             if self._inside == 0:
-                self._level = cv2.setLogLevel(0)
+                self._level = _set_log_level(0)
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
-        import cv2
-
         with self._lock:
             self._inside -= 1
             if self._inside == 0:
-                cv2.setLogLevel(self._level)
+                _set_log_level(self._level)
+
+
+def _set_log_level(level: int) -> int:
+    """Set what OpenCV 4 or 5 writes, and return what it was."""
+    import cv2
+
+    place: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
+    return int(place.setLogLevel(level))
 
 
 _quiet = _Quiet()

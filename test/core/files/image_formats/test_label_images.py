@@ -43,7 +43,7 @@ def png(bits: int, kind: int = 0) -> bytes:
         sum_ = struct.pack(">I", zlib.crc32(name + data))
         return struct.pack(">I", len(data)) + name + data + sum_
 
-    bytes_of = (VALUES % 2**bits).astype(">u2" if bits == 16 else "u1").tobytes()
+    bytes_of = (VALUES.astype(int) % 2**bits).astype(">u2" if bits == 16 else "u1").tobytes()
     numbers = np.unpackbits(np.frombuffer(bytes_of, np.uint8)).reshape(VALUES.size, -1)
     rows = np.packbits(numbers[:, -bits:].reshape(len(VALUES), -1), axis=1)
     body = zlib.compress(b"".join(b"\0" + row.tobytes() for row in rows))
@@ -57,13 +57,13 @@ def tiff(bits: int, **more: Any) -> bytes:
     size = {"width": 8, "height": 4, "count": 1, "dtype": "uint16" if bits > 8 else "uint8"}
     with MemoryFile() as memory:
         with memory.open(driver="GTiff", nbits=bits, **size, **more) as file:
-            file.write((VALUES % 2**bits).astype(size["dtype"]), 1)
+            file.write((VALUES.astype(int) % 2**bits).astype(size["dtype"]), 1)
         return bytes(memory.getbuffer())
 
 
 def pnm(magic: str, most: int) -> bytes:
     head = f"{magic}\n# somebody's\n8 4\n{most}\n".encode()
-    values = VALUES % (most + 1)
+    values = VALUES.astype(int) % (most + 1)
     if magic == "P2":
         return head + " ".join(map(str, values.ravel())).encode() + b"\n"
     return head + values.astype(">u2" if most > 255 else "u1").tobytes()

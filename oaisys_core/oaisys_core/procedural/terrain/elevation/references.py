@@ -121,6 +121,13 @@ class Reference:
         lon, lat = self._to_geodetic.transform(x, y)
         return np.asarray(lon), np.asarray(lat)
 
+    def x_y(self, lon_deg: FloatArray, lat_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return x and y of places; inverse of `lon_lat_deg`."""
+        x, y = self._to_geodetic.transform(lon_deg, lat_deg, direction="INVERSE")
+        if self.is_to_the_west:
+            x, y = y, x
+        return np.asarray(x), np.asarray(y)
+
 
 def _directions(crs: CRS) -> list[str]:
     return [axis.direction for axis in crs.axis_info[:2]]

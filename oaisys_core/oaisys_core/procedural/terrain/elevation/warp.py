@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import cos, radians, sin
+from math import ceil, cos, pi, radians, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.terrain.elevation.references import Reference, coordinates
@@ -18,8 +19,11 @@ if TYPE_CHECKING:
 EDGE_POINTS = 101
 """Points along an edge of the image, to find the largest rectangle inside of it."""
 
-TOLERANCE_PX = 0.01
-"""Largest error of a place in the image, with which GDAL may go on without PROJ."""
+CONTROL_POINTS = 65
+"""Points along each axis of the grid that are projected."""
+
+PIXEL_TOLERANCE = 1e-3
+"""Share of a pixel by which a step may exceed a whole number of pixels."""
 
 MAX_ANGLE = 0.5
 """Radians on the body from the middle to a corner; a map of more is no ground to stand on."""
@@ -51,12 +55,15 @@ class LocalGrid:
         Raises:
             InvalidInputError: The image spans too much of the body.
         """
+        from pyproj import Transformer
+
         self._reference, self._transform = reference, transform
         self._up = radians(up_deg)
         rows, cols = shape
         middle = coordinates(transform, np.asarray(cols / 2), np.asarray(rows / 2))
         lon, lat = reference.lon_lat_deg(*middle)
         self._system = _equidistant(reference, float(lon), float(lat))
+        self._to_system = Transformer.from_crs(reference.geodetic, self._system, always_xy=True)
         self.half_m = self._half_extent_m(rows, cols, field)
 
     @property
@@ -66,48 +73,59 @@ class LocalGrid:
         return Georeference(self._system.to_wkt(), (right, up, 0.0, -up, right, 0.0), 0.0)
 
     def warp(self, height_m: FloatArray, step_m: float, counts: tuple[int, int]) -> FloatArray:
-        """Return heights on (rows, cols) points, row 0 in the south.
+        """Return heights on (rows, cols) points, row 0 in the south, by cubic splines.
+
+        GDAL is not asked: it may have another version of PROJ, and they differ in kilometres for
+        some projections (equidistant cylindrical ones of ellipsoids, from PROJ 9.8 on).
 
         Args:
             height_m: Heights of the image, as in the file.
             step_m: Distance between the points.
             counts: Columns and rows, centred on the image's middle.
         """
-        import rasterio.crs
-        from affine import Affine
-        from rasterio.warp import Resampling, reproject
+        rows, cols = self._places_px(step_m, counts, height_m.shape)
+        steps = (np.hypot(*np.gradient(each)).max() for each in (rows, cols))
+        reduced = [max(1, ceil(step - PIXEL_TOLERANCE)) for step in steps]
+        if max(reduced) > 1:
+            # Smooth first, because finer relief would alias.
+            odd = [2 * (n // 2) + 1 for n in reduced]
+            height_m = scipy.ndimage.uniform_filter(height_m, odd, mode="mirror")
+        found = scipy.ndimage.map_coordinates(height_m, (rows, cols), order=3, mode="nearest")
+        return np.asarray(found)
 
-        crs, transform = self._reference.horizontal, self._transform
-        if self._reference.is_to_the_west:
-            t = transform
-            crs, transform = self._reference.geodetic, Affine(-t.a, -t.b, -t.c, t.d, t.e, t.f)
-        result = np.full(counts[::-1], np.nan)
-        reproject(
-            np.ascontiguousarray(height_m),
-            result,
-            src_transform=transform,
-            src_crs=rasterio.crs.CRS.from_wkt(crs.to_wkt()),
-            dst_transform=self._grid_transform(step_m, counts),
-            dst_crs=rasterio.crs.CRS.from_wkt(self._system.to_wkt()),
-            dst_nodata=np.nan,
-            resampling=Resampling.cubic,
-            tolerance=TOLERANCE_PX,
-        )
-        return result[::-1]
+    def _places_px(
+        self, step_m: float, counts: tuple[int, int], shape: tuple[int, ...]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the (rows, cols) rows and columns of the points in the image.
 
-    def _grid_transform(self, step_m: float, counts: tuple[int, int]) -> Affine:
-        from affine import Affine
-
-        right = (step_m * cos(self._up), -step_m * sin(self._up))
-        down = (-step_m * sin(self._up), -step_m * cos(self._up))
-        east, north = (-counts[0] / 2 * right[n] - counts[1] / 2 * down[n] for n in (0, 1))
-        return Affine(right[0], down[0], east, right[1], down[1], north)
+        Few of them are projected: the others follow from splines.
+        """
+        along = [np.linspace(0, n - 1, min(n, CONTROL_POINTS)) for n in counts]
+        u, v = ((each - (n - 1) / 2) * step_m for each, n in zip(along, counts, strict=True))
+        v, u = np.meshgrid(v, u, indexing="ij")
+        east = u * cos(self._up) + v * sin(self._up)
+        north = v * cos(self._up) - u * sin(self._up)
+        lon, lat = self._to_system.transform(east, north, direction="INVERSE")
+        x, y = self._reference.x_y(lon, lat)
+        if self._reference.horizontal.is_geographic:  # from 0 to 360°, or from -180 to 180
+            whole_turn = 2 * pi / self._reference.unit_m
+            half_rows, half_cols = (np.asarray(n / 2) for n in shape)
+            middle_x, _ = coordinates(self._transform, half_cols, half_rows)
+            x = x + whole_turn * np.round((middle_x - x) / whole_turn)
+        inverse = ~self._transform
+        col, row = coordinates(inverse, x, y)
+        whole = [np.arange(n) for n in counts]
+        degrees = [min(3, len(each) - 1) for each in along]
+        found = []
+        for each in (row, col):
+            spline = scipy.interpolate.RectBivariateSpline(
+                along[1], along[0], each - 0.5, kx=degrees[1], ky=degrees[0]
+            )
+            found.append(np.asarray(spline(whole[1], whole[0])))
+        return found[0], found[1]
 
     def _half_extent_m(self, rows: int, cols: int, field: str) -> tuple[float, float]:
         """Return half the width and half the height of the rectangle."""
-        from pyproj import Transformer
-
-        to_system = Transformer.from_crs(self._reference.geodetic, self._system, always_xy=True)
         along = np.linspace(0, 1, EDGE_POINTS)
         right, down = 0.5 + along * (cols - 1), 0.5 + along * (rows - 1)
         sides = []
@@ -118,7 +136,7 @@ class LocalGrid:
             (right, np.full_like(right, rows - 0.5)),
         ):
             place = self._reference.lon_lat_deg(*coordinates(self._transform, col, row))
-            east, north = to_system.transform(*place)
+            east, north = self._to_system.transform(*place)
             u = east * cos(self._up) - north * sin(self._up)
             v = east * sin(self._up) + north * cos(self._up)
             sides.append(np.stack([u, v]))
