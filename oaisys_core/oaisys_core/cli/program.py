@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 
+from oaisys_core.errors import ShortageError
 from oaisys_core.system.ending.owner import follow_owner
 from oaisys_core.system.ending.signals import exit_at_signals
+from oaisys_core.system.shortages import check_address_space
 from oaisys_core.system.standard_streams import open_standard_streams
 
 
@@ -14,6 +16,10 @@ def main() -> None:
     exit_at_signals()
     follow_owner()
     open_standard_streams()
+    try:
+        check_address_space()
+    except ShortageError as error:
+        sys.exit(f"oaisys: {error}")
     try:
         from oaisys_core.cli.main import run_program
     except ModuleNotFoundError as error:

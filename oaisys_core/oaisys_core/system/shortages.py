@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import resource
 
 from oaisys_core.errors import ShortageError
 
@@ -17,9 +18,16 @@ _BY_NUMBER = {
 _BY_TEXT = {
     "can't start new thread": "this process may start no more threads (ulimit -u or -v)",
     "failed to map segment": _BY_NUMBER[errno.ENOMEM],
-    "annot allocate memory": _BY_NUMBER[errno.ENOMEM],
-    "Too many open files": _BY_NUMBER[errno.EMFILE],
+    "cannot allocate memory": _BY_NUMBER[errno.ENOMEM],
+    "out of memory": _BY_NUMBER[errno.ENOMEM],
+    "malloc failed": _BY_NUMBER[errno.ENOMEM],
+    "bad_alloc": _BY_NUMBER[errno.ENOMEM],
+    "too many open files": _BY_NUMBER[errno.EMFILE],
 }
+"""By what libraries write, such as the linker, Embree and Open3D, in lower case."""
+
+MIN_ADDRESS_SPACE = 700_000_000
+"""Bytes; with less, OpenBLAS may try to get memory for ever while it is imported."""
 
 
 def shortage(error: BaseException) -> ShortageError | None:
@@ -31,9 +39,24 @@ def shortage(error: BaseException) -> ShortageError | None:
         if isinstance(cause, OSError) and cause.errno in _BY_NUMBER:
             where = f" ({cause.filename})" if cause.filename else ""
             return ShortageError(_BY_NUMBER[cause.errno] + where)
-        if isinstance(cause, ImportError | RuntimeError):
+        if isinstance(cause, ImportError | RuntimeError | OSError):
+            said = str(cause).lower()
             for sign, text in _BY_TEXT.items():
-                if sign in str(cause):
+                if sign in said:
                     return ShortageError(text)
         cause = cause.__cause__ or cause.__context__
     return None
+
+
+def check_address_space() -> None:
+    """Raise if this process may have too little memory to import what it needs.
+
+    Raises:
+        ShortageError: ``ulimit -v`` is below `MIN_ADDRESS_SPACE`.
+    """
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
+        raise ShortageError(
+            f"this process may have {limit} bytes of address space, and it needs"
+            f" {MIN_ADDRESS_SPACE}: ulimit -v"
+        )

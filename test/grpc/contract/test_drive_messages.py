@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_outline_counts_and_imus_come_back_as_they_were() -> None:
     (back,) = info_from_proto(info_to_proto(info)).imus
     assert info_from_proto(info_to_proto(info)).group_counts == info.group_counts
     np.testing.assert_array_equal(back.T_base_imu, imu.T_base_imu)
-    assert replace(back, T_base_imu=imu.T_base_imu) == imu
+    assert (back.name, *astuple(back)[2:]) == (imu.name, *astuple(imu)[2:])
 
 
 @pytest.mark.parametrize(("times", "positions"), [(2, 5), (2, 7), (MAX_POSES + 1, 0)])

@@ -105,6 +105,9 @@ def test_descriptors_come_back(start_server: Callable[..., Server]) -> None:
         (OSError(errno.ENOSPC, "No space left on device", "/dev/shm/x"), "/dev/shm"),
         (OSError(errno.EMFILE, "Too many open files"), "ulimit -n"),
         (RuntimeError("can't start new thread"), "threads"),
+        (OSError("libtbb.so.12: failed to map segment from shared object"), "ulimit -v"),
+        (RuntimeError("[Open3D Error] Embree error: Out of Memory"), "ulimit -v"),
+        (RuntimeError("CPU malloc failed: size 1024"), "ulimit -v"),
         (ImportError("libx.so: failed to map segment from shared object"), "ulimit -v"),
     ],
 )
@@ -115,3 +118,24 @@ def test_a_shortage_is_a_sentence(error: Exception, said: str) -> None:
         assert said in str(shortage(each))
     assert shortage(ValueError("a fault of ours")) is None
     assert shortage(OSError(errno.ENOENT, "no such file")) is None
+
+
+def test_little_address_space_is_told_before_libraries_are_imported(tmp_path: Path) -> None:
+    """OpenBLAS asked for memory again and again, for ever, while SciPy was imported."""
+    begin = (
+        f"import resource; resource.setrlimit(resource.RLIMIT_AS, ({600_000 * 1024},) * 2); "
+        "from oaisys_core.cli.program import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", begin, "render", "--out", "x"],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 1
+    assert done.stderr == (
+        "oaisys: this process may have 614400000 bytes of address space, and it needs 700000000:"
+        " ulimit -v\n"
+    )

@@ -17,7 +17,7 @@ from oaisys_core.config.sections.sensing.motion import AnyMotion
 from oaisys_core.config.sections.sensing.sensors import PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.raycast.clearance import HeightLookup, admit_pose
-from oaisys_core.scene import Ground, PlacedCamera, PlacedLidar, PoseAtTime
+from oaisys_core.scene import PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.faults import PoseDrift
 from oaisys_core.trajectory.imu import imu_info
 from oaisys_core.trajectory.sample_poses import Motion, make_motion
@@ -143,7 +143,7 @@ class SensorsModule(Module):
         if pose is not None:
             self.rig_pose = geometry.check_pose(pose.position_m, pose.quat_xyzw)
         elif self.rig_pose is None:
-            self.rig_pose = self._start_pose(world.ground)
+            self.rig_pose = self._start_pose(world)
         self._place(world)
 
     def move(self, world: World, batch_seed: int, heights: HeightLookup) -> None:
@@ -215,17 +215,20 @@ class SensorsModule(Module):
         """Return the sensors that render exactly these frames; see `sensors_of`."""
         return self._with_past(sensors_of(self._sensors_of_sample(world), frames), last_rig_poses)
 
-    def _start_pose(self, ground: Ground | None) -> Pose | None:
+    def _start_pose(self, world: World) -> Pose | None:
         """Return where the rig is before anything moves it; None where there is no ground."""
         start = self._config.start_pose
         if start is not None:
             return geometry.check_pose(start.position_m, start.quat_xyzw, "sensors.start_pose")
+        ground = world.ground
         if ground is None:
             return None
         x0, y0, x1, y1 = ground.extent_m
         x, y = (x0 + x1) / 2, (y0 + y1) / 2
-        z = float(ground.height_at([(x, y)])[0]) + START_HEIGHT_M
-        return geometry.pose_looking_down(x, y, z)
+        surface_m = float(ground.height_at([(x, y)])[0])
+        if world.water is not None:
+            surface_m = max(surface_m, world.water.level_m)
+        return geometry.pose_looking_down(x, y, surface_m + START_HEIGHT_M)
 
     def _sensors_of_sample(self, world: World) -> list[PlacedSensor]:
         """Return all sensors, where they are at the world's sample."""

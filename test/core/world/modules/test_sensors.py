@@ -54,6 +54,18 @@ def simulation(backend: AnalyticBackend | None = None, **sensors: Any) -> Simula
     return made
 
 
+def test_the_rig_starts_above_water_that_is_deep() -> None:
+    stage = {"preset": "canyon", "extent_m": 300, "resolution_px": 129}
+    stage["water"] = {"level_share": 0.2, "semantic_id": 230}
+    made = Simulation(config_from_mapping({**WORLD, "stage": stage}))
+    made.step_batch()
+    pose = made.info().rig_pose
+    assert pose is not None
+    found = made.query_height([pose.position_m])
+    assert found.ground_height_m[0] < found.surface_height_m[0] - 10
+    assert pose.position_m[2] == pytest.approx(found.surface_height_m[0] + 10, abs=0.1)
+
+
 def test_the_rig_has_a_start_pose_until_a_sample_moves_it() -> None:
     assert Simulation(config_from_mapping(WORLD)).info().rig_pose is None
     above = simulation().info()

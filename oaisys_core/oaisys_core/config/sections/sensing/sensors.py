@@ -44,7 +44,7 @@ class SensorsConfig(Section):
         imus: Inertial measurement units, which measure during timed drives.
         motion: Motion of the rig if no pose is given.
         start_pose: Pose of the rig before the first sample; None: 10 m above the stage's centre,
-            looking down.
+            or above the water there, looking down.
         pose_policy: How to handle a pose below the ground or outside the stage: ``reject`` it,
             ``clamp`` it to the least clearance inside the stage, or ``allow`` it.
         min_clearance_m: Least height of every camera above the topmost surface.
