@@ -11,7 +11,7 @@ from oaisys_core.scene.sky import Sky
 
 IS_BLENDER_5 = bpy.app.version >= (5, 0, 0)
 
-SKY_SCALE = 0.033 if IS_BLENDER_5 else 0.0495
+SKY_SCALE = 0.0495
 """Factor on the sky model's radiance: level ground then receives `SKY_IRRADIANCE_W_M2` from the sky
 at a sun elevation of 38 degrees."""
 
@@ -25,8 +25,11 @@ def node_tree_of(owner: Any) -> Any:
 
 
 def set_up_sky_node(node: Any, sky: Sky) -> None:
-    """Set the physical sky model and its parameters, without the sun's disc."""
-    node.sky_type = "MULTIPLE_SCATTERING" if IS_BLENDER_5 else "NISHITA"
+    """Set the physical sky model and its parameters, without the sun's disc.
+
+    It is that of single scattering in both, as drafts and metering take it to be.
+    """
+    node.sky_type = "SINGLE_SCATTERING" if IS_BLENDER_5 else "NISHITA"
     node.sun_disc = False
     node.sun_elevation = sky.sun_elevation_rad
     # Blender measures clockwise from +y.
