@@ -13,6 +13,7 @@ LARGE_PX = (4096, 3072)
 TRANSFER_MS = {"loopback": 8.0, "shared_memory": 3.0}
 
 PUBLISH_MS, BRIDGE_CPU_MS = 60.0, 25.0
+DRAFT_SECONDS = 0.3
 
 
 class Way(NamedTuple):
@@ -99,7 +100,13 @@ def end_to_end(settings: Settings, say: Say) -> list[Figure]:
             for last, render in zip(found["last_s"], found["render_s"], strict=True)
         ]
         figures += [
-            figure(f"{stem}_s", "s", found["last_s"], note="set_pose to the last message"),
+            figure(
+                f"{stem}_s",
+                "s",
+                found["last_s"],
+                Goal(DRAFT_SECONDS) if preset == "draft" else None,
+                "set_pose to the last message",
+            ),
             figure(f"{stem}_render_s", "s", found["render_s"], note="of that, the worker's"),
             figure(f"{stem}_rest_ms", "ms", rest_ms, note="of that, everything else"),
             figure(f"{stem}_depth_s", "s", found["depth_s"], note="set_pose to the depth image"),

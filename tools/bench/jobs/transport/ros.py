@@ -28,8 +28,8 @@ WARM_UP = 5
 BLOCK = 20
 """Samples per value of processor time, which the kernel counts in hundredths of a second."""
 IDLE_S = 3.0
-PRESETS = ("geometry", "preview", "standard", "high")
-QUICK_PRESETS = PRESETS[:3]
+PRESETS = ("geometry", "draft", "preview", "standard", "high")
+QUICK_PRESETS = PRESETS[:4]
 
 
 def publishing(settings: Settings, say: Say) -> dict[str, list[float]]:
