@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, NoReturn
 
 import grpc
@@ -72,6 +73,9 @@ RETRY_DELAYS_S: dict[type[OaisysError], float] = {
 """Temporary errors, and after how long to try again."""
 
 _LONGEST_HEADER = 1000
+
+_TOO_LARGE = re.compile(r"(?:SERVER: )?Received message larger than max \((\d+) vs\. (\d+)\)")
+"""What gRPC says of a request that is larger than the server takes."""
 
 _ERRORS_WITHOUT_NAME: dict[grpc.StatusCode, type[OaisysError]] = {
     grpc.StatusCode.FAILED_PRECONDITION: NotReadyError,
@@ -161,6 +165,10 @@ def error_from_rpc(error: grpc.RpcError) -> OaisysError:
     named = error_from_status(status) if status is not None else None
     if named is not None:
         return named
+    too_large = _TOO_LARGE.match(call.details() or "")
+    if too_large is not None and call.code() is grpc.StatusCode.RESOURCE_EXHAUSTED:
+        size, most = too_large.groups()
+        return InvalidInputError("request", f"{size} bytes", f"at most {most} bytes")
     kind = _ERRORS_WITHOUT_NAME.get(call.code(), OaisysError)
     said, told = f"{call.code().name}: {call.details()}", advice(call.details() or "")
     return kind(f"{told} ({said})" if told else said)

@@ -17,6 +17,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import check_pose
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.conversion import Conversion
+from oaisys_grpc.contract.metadata_bounds import check_size, check_values
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 MAX_NAMES = 1000
@@ -72,7 +73,8 @@ def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
     Inverse: `metadata_from_proto`.
 
     Raises:
-        InvalidInputError: A value is neither JSON nor, in the part ``sensor``, a pose.
+        InvalidInputError: A value is neither JSON nor, in the part ``sensor``, a pose; or the
+            metadata are larger or more nested than a server takes.
     """
     message = pb.ModuleMetadata()
     if metadata.sensor is not None:
@@ -96,6 +98,7 @@ def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
             getattr(message, name).CopyFrom(struct_to_proto(rest, f"metadata.{name}"))
     if metadata.custom:
         message.custom.CopyFrom(struct_to_proto(metadata.custom, "metadata.custom"))
+    check_size(message)
     return message
 
 
@@ -259,12 +262,17 @@ def _check(fits: bool) -> None:
 
 
 def struct_to_proto(values: Mapping[str, Any], field: str) -> Struct:
-    """Return JSON-able values as a message; inverse: `struct_from_proto`."""
+    """Return JSON-able values as a message; inverse: `struct_from_proto`.
+
+    Raises:
+        InvalidInputError: They are not as in JSON, too many or too deep.
+    """
+    check_values(values, field)
     message = Struct()
     try:
         message.update(dict(values))
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(field, repr(dict(values)), "values as in JSON") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInputError(field, dict(values), "values as in JSON") from error
     return message
 
 

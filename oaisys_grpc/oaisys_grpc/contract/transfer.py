@@ -13,12 +13,10 @@ from oaisys_core.types import POINTS, FrameName
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import CHUNK_BYTES, CODECS, MAX_FRAME_BYTES
 from oaisys_grpc.contract.conversion import Conversion, RecordConversion
+from oaisys_grpc.contract.request_bounds import MAX_REQUEST_BYTES
 from oaisys_grpc.contract.sample_messages import FrameMessage, SampleMessages
 from oaisys_grpc.contract.shared_memory import MemoryLocation, Probe, location_of
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-
-MAX_REQUEST_BYTES = 4 * 1024 * 1024
-"""Of one request; a larger one is refused unread, with RESOURCE_EXHAUSTED."""
 
 MIN_CHUNK_BYTES = 1000
 """Smaller chunks are refused, because an image would take millions of messages."""

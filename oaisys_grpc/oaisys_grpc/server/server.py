@@ -18,7 +18,7 @@ from oaisys_core.config.sections.sensing.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.ending.signals import end_service_at_signals
 from oaisys_grpc.addresses import UNIX, grpc_target, host_and_port, private_socket, remove_socket
-from oaisys_grpc.contract.transfer import MAX_REQUEST_BYTES
+from oaisys_grpc.contract.request_bounds import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc

@@ -17,6 +17,7 @@ from oaisys_core.errors import (
 )
 from oaisys_core.files.documents import parse_plain_json
 from oaisys_core.types import ModuleMetadata
+from oaisys_grpc.contract.metadata import metadata_to_proto
 
 MODULES = ("sensor", "environment", "asset", "render", "custom")
 MAX_LOST_WORKERS = 2
@@ -86,9 +87,15 @@ class PendingMetadata:
         self._lost_workers = 0
 
     def add(self, metadata: ModuleMetadata) -> None:
-        """Merge metadata into what is pending; newer values win."""
+        """Merge metadata into what is pending; newer values win.
+
+        Raises:
+            InvalidInputError: All of it together cannot be sent; what was pending stays.
+        """
         with self._lock:
-            self._metadata = (self._metadata or ModuleMetadata()).with_update(metadata)
+            merged = (self._metadata or ModuleMetadata()).with_update(metadata)
+            metadata_to_proto(merged)  # refuses what is too large or too deep
+            self._metadata = merged
 
     @property
     def asset(self) -> ModuleMetadata | None:
@@ -141,4 +148,7 @@ def _is_refusal(error: OaisysError) -> bool:
     """Return whether the simulator has refused the metadata of a sample, not its view."""
     if not isinstance(error, InvalidInputError):
         return False
+    module, _, key = error.field.removeprefix("metadata.").partition(".")
+    if error.field.startswith("metadata."):
+        return module != "sensor" or key.split(".")[0] != "pose"
     return "pose" not in error.field and error.field not in _VIEW_FIELDS

@@ -170,7 +170,8 @@ _REQUESTS = (
         "~/set_metadata",
         "oaisys_msgs/srv/SetMetadata",
         "Set light, objects, lenses, quality from the next sample on. What it refuses, or cannot "
-        "be rendered with, is dropped, and the answer says so.",
+        "be rendered with, is dropped, and the answer says so. More than a request can hold, or "
+        "nested more than 20 times, is refused at once.",
     ),
     Interface(
         InterfaceKind.SERVICE,

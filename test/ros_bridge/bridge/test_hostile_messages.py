@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any
 
@@ -156,6 +157,32 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
     assert other.process.poll() is None
     assert bridge.process.poll() is None
     assert "requests may reach any of them" in bridge.log.read_text()
+
+
+@pytest.mark.ros
+def test_metadata_that_no_request_can_hold_spoils_no_view(stage: Stage) -> None:
+    server = stage.start_world(FLAT_WORLD)
+    bridge = stage.start_bridge(server.address)
+    user = stage.user
+    user.wait_until_ready()
+
+    many = json.dumps({f"k{i}": 1 for i in range(200_000)})
+    for module, text in (
+        ("custom", many),
+        *(("environment", '{"a":' * depth + "1" + "}" * depth) for depth in (21, 45, 64)),
+    ):
+        request = SetMetadata.Request(module=module, metadata_json=text)
+        answer = user.call(SetMetadata, "set_metadata", request)
+        assert not answer.success
+        assert answer.message.startswith(f"metadata.{module}")
+        assert "at most" in answer.message
+        assert user.set_pose(LOOKING).success
+    # The simulator refuses it by name at the next sample, and not again.
+    policy = SetMetadata.Request(module="sensor", metadata_json='{"pose_policy": "guess"}')
+    assert user.call(SetMetadata, "set_metadata", policy).success
+    assert "pose_policy" in user.set_pose(LOOKING).message
+    assert user.set_pose(LOOKING).success
+    assert "Traceback" not in bridge.log.read_text()
 
 
 @pytest.mark.ros

@@ -122,6 +122,51 @@ def test_metadata_is_lent_again_only_as_long_as_it_may_be_blameless() -> None:
     assert not is_pending()
 
 
+@pytest.mark.parametrize(
+    ("field", "stays"),
+    [
+        ("request", False),
+        ("metadata.custom.poses", False),
+        ("metadata.sensor.pose_policy", False),
+        ("metadata.asset.objects.box.pose", False),
+        ("metadata.environment.sky", False),
+        ("metadata.sensor.pose", True),
+        ("metadata.sensor.pose.position_m", True),
+        ("pose.position", True),
+        ("sensors", True),
+    ],
+)
+def test_metadata_that_was_refused_itself_does_not_wait_for_the_next_sample(
+    field: str, stays: bool
+) -> None:
+    pending = PendingMetadata()
+    pending.add(ModuleMetadata(custom={"a": 1}))
+    with pytest.raises(InvalidInputError), pending.lend():
+        raise InvalidInputError(field, 1, "another value")
+    with pending.lend() as lent:
+        assert (lent is not None) == stays
+
+
+def test_metadata_that_no_request_can_hold_is_refused_when_it_is_set() -> None:
+    pending, small = PendingMetadata(), ModuleMetadata(environment={"sun_elevation_deg": 1.0})
+    pending.add(small)
+    many = {f"k{i}": 1 for i in range(200_000)}
+    deep: dict[str, Any] = {}
+    for _ in range(44):
+        deep = {"a": deep}
+    for module, values in (("custom", many), ("environment", deep), ("sensor", deep)):
+        with pytest.raises(InvalidInputError, match=rf"metadata\.{module}.*at most"):
+            pending.add(ModuleMetadata(**{module: values}))
+    # Each fits, but not both.
+    pending.add(ModuleMetadata(custom={"a": "x" * 2_000_000}))
+    with pytest.raises(InvalidInputError, match=r"bytes as a message.*all modules together"):
+        pending.add(ModuleMetadata(custom={"b": "x" * 2_000_000}))
+    with pending.lend() as lent:
+        assert lent is not None
+        assert lent.environment == small.environment
+        assert list(lent.custom) == ["a"]
+
+
 @pytest.mark.long
 def test_a_first_batch_that_cannot_be_built_says_why_and_is_not_tried_all_the_time(
     stage: Stage,

@@ -33,9 +33,10 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata
 from oaisys_grpc.contract.metadata import metadata_to_proto
+from oaisys_grpc.contract.request_bounds import MAX_FIELDS, check_bounds
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.limits import open_calls
-from oaisys_grpc.server.limits.guarded_calls import MAX_FIELDS, GuardedCalls, check_bounds
+from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
 from oaisys_grpc.server.limits.open_calls import (
     CROWDED_PATIENCE_S,
     REQUEST_PATIENCE_S,
