@@ -184,6 +184,14 @@ def test_parts_of_a_killed_process_are_hidden_and_deleted(tmp_path: Path) -> Non
     assert [path.name for path in (tmp_path / "shards").iterdir()] == ["a"]
 
 
+def test_folders_of_writers_of_other_files_in_a_data_set_are_left_alone(tmp_path: Path) -> None:
+    """`delete_parts` ended with IsADirectoryError, for instance after a killed export."""
+    folder = tmp_path / ".check.json.part"
+    folder.mkdir()
+    assert open_place(tmp_path).delete_parts() == 0
+    assert folder.is_dir()
+
+
 def test_an_unknown_kind_of_url_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="nowhere"):
         open_place("nowhere://bucket/set")

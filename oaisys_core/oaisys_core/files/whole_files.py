@@ -13,6 +13,7 @@ from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.folders import make_folder
+from oaisys_core.files.temporary_files import temporary_file
 from oaisys_core.system.ending.leftovers import remove_when_killed
 
 
@@ -20,22 +21,25 @@ from oaisys_core.system.ending.leftovers import remove_when_killed
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield the path of an empty temporary file that replaces ``path`` if the block succeeds.
 
+    Of writers at the same time, each has a file of its own, and the last to end wins. See
+    `temporary_file`.
+
     Raises:
         InvalidInputError: The path has no name, as that of an empty text.
         OSError: It could not be made or renamed, or ``path`` is a device, a pipe or a folder, which
             a file must not replace; ``path`` is unchanged.
     """
     _require_name(path, "path", "a file")
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    with remove_when_killed(part):
+    _require_file(path)
+    with temporary_file(path) as part:
         try:
-            _require_file(path)
-            _make_anew(part)
             yield part
             part.replace(path)
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        except OSError as error:
+            if error.filename != str(part):
+                raise
+            # The temporary name would tell nobody anything.
+            raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def write_whole_text(path: Path, text: str) -> None:
@@ -85,13 +89,6 @@ def _require_file(path: Path) -> None:
             raise OSError(errno.EINVAL, "it exists, and is no regular file", str(path))
         if path.is_symlink() and path.parent.resolve() == Path("/dev"):  # such as /dev/stdout
             raise OSError(errno.EINVAL, "it is a name of the system", str(path))
-
-
-def _make_anew(part: Path) -> None:
-    """Make an empty file; a link that somebody else put there is removed, not followed."""
-    part.unlink(missing_ok=True)
-    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
-    os.close(os.open(part, flags, 0o666))
 
 
 @contextmanager

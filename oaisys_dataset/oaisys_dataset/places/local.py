@@ -108,7 +108,9 @@ class LocalPlace:
 
     def delete_parts(self) -> int:
         """See `StoragePlace.delete_parts`."""
-        parts = [*self._root.glob(f".*{PART}"), *self._root.glob(f"*/.*{PART}")]
+        found = [*self._root.glob(f".*{PART}"), *self._root.glob(f"*/.*{PART}")]
+        # Folders of this name are of other commands, which may be alive.
+        parts = [part for part in found if part.is_symlink() or not part.is_dir()]
         for part in parts:
             part.unlink(missing_ok=True)
         return len(parts)

@@ -70,10 +70,12 @@ def test_a_path_without_a_name_is_refused() -> None:
 def test_a_link_under_the_temporary_name_is_not_followed(tmp_path: Path) -> None:
     """The name can be foreseen, so another user may put a link there."""
     victim, path = tmp_path / "victim", tmp_path / "out.json"
-    victim.write_text("precious")
-    (tmp_path / ".out.part.json").symlink_to(victim)
+    victim.mkdir()
+    (victim / ".part-out.json").write_text("precious")
+    (tmp_path / ".out.json.part").symlink_to(victim)
+    (tmp_path / ".out.part.json").symlink_to(victim / ".part-out.json")
     write_text(path, "{}")
-    assert victim.read_text() == "precious"
+    assert (victim / ".part-out.json").read_text() == "precious"
     assert path.read_text() == "{}"
 
 

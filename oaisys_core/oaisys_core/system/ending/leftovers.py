@@ -11,6 +11,7 @@ fixed size, so that a process which dies while it writes leaves the other slots 
 
 from __future__ import annotations
 
+import fcntl
 import os
 import secrets
 import shutil
@@ -59,19 +60,36 @@ class Leftovers:
         return [Path(os.fsdecode(each)) for each in found if each]
 
     def remove(self, kept: Path | None = None) -> None:
-        """Remove what is written down and exists; nothing may be writing there any more.
+        """Remove what is written down and exists, but no folder that a living process has locked.
 
         Args:
             kept: A path that stays.
         """
         for path in self.paths():
-            if path == kept:
+            if path == kept or _is_locked(path):
                 continue
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 with suppress(OSError):
                     path.unlink()
+
+
+def _is_locked(folder: Path) -> bool:
+    """Return whether a living process has locked a folder, which is its own then."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # a file system without locks
+    finally:
+        os.close(descriptor)
+    return False
 
 
 _record: Leftovers | None = None
