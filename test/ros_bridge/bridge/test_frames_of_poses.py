@@ -201,8 +201,10 @@ def test_a_drive_begins_in_the_rigs_frame(bridged: User) -> None:
     handle = bridged.answer(drive.send_goal_async(goal))
     result = bridged.answer(handle.get_result_async()).result
     assert result.success, result.message
-    begin = [m for m in bridged.received["/tf"] if m.transforms[0].header.stamp == result.begin]
-    assert begin
+    # The result may overtake it.
+    begin = bridged.wait_until(
+        lambda: [m for m in bridged.received["/tf"] if m.transforms[0].header.stamp == result.begin]
+    )
     begun = transform_to_map(bridged, frame, result.begin)
     np.testing.assert_allclose(begun, expected(bridged, frame, first), atol=1e-9)
 

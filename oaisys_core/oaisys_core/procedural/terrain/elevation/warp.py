@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, cos, pi, radians, sin
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,9 @@ EDGE_POINTS = 101
 CONTROL_POINTS = 65
 """Points along each axis of the grid that are projected."""
 
-PIXEL_TOLERANCE = 1e-3
-"""Share of a pixel by which a step may exceed a whole number of pixels."""
+PIXEL_TOLERANCE = 0.25
+"""Share of a pixel by which a step may exceed a whole number of pixels before heights are smoothed
+over one more: pixels differ in size across an image."""
 
 MAX_ANGLE = 0.5
 """Radians on the body from the middle to a corner; a map of more is no ground to stand on."""
@@ -90,8 +92,7 @@ class LocalGrid:
             # Smooth first, because finer relief would alias.
             odd = [2 * (n // 2) + 1 for n in reduced]
             height_m = scipy.ndimage.uniform_filter(height_m, odd, mode="mirror")
-        found = scipy.ndimage.map_coordinates(height_m, (rows, cols), order=3, mode="nearest")
-        return np.asarray(found)
+        return np.asarray(_spline(_indices(height_m.shape), height_m).ev(rows, cols))
 
     def _places_px(
         self, step_m: float, counts: tuple[int, int], shape: tuple[int, ...]
@@ -114,15 +115,10 @@ class LocalGrid:
             x = x + whole_turn * np.round((middle_x - x) / whole_turn)
         inverse = ~self._transform
         col, row = coordinates(inverse, x, y)
-        whole = [np.arange(n) for n in counts]
-        degrees = [min(3, len(each) - 1) for each in along]
-        found = []
-        for each in (row, col):
-            spline = scipy.interpolate.RectBivariateSpline(
-                along[1], along[0], each - 0.5, kx=degrees[1], ky=degrees[0]
-            )
-            found.append(np.asarray(spline(whole[1], whole[0])))
-        return found[0], found[1]
+        rows, cols = (
+            _spline(along[::-1], each - 0.5)(*_indices(counts[::-1])) for each in (row, col)
+        )
+        return np.asarray(rows), np.asarray(cols)
 
     def _half_extent_m(self, rows: int, cols: int, field: str) -> tuple[float, float]:
         """Return half the width and half the height of the rectangle."""
@@ -159,3 +155,15 @@ def _equidistant(reference: Reference, lon_deg: float, lat_deg: float) -> CRS:
 
     conversion = AzimuthalEquidistantConversion(lat_deg, lon_deg)
     return ProjectedCRS(conversion, geodetic_crs=reference.geodetic)
+
+
+def _indices(counts: tuple[int, ...]) -> list[FloatArray]:
+    return [np.arange(n, dtype=np.float64) for n in counts]
+
+
+def _spline(
+    axes: Sequence[FloatArray], values: FloatArray
+) -> scipy.interpolate.RectBivariateSpline:
+    """Return a spline through (R, C) values at rows and columns, cubic if there are enough."""
+    kx, ky = (min(3, len(axis) - 1) for axis in axes)
+    return scipy.interpolate.RectBivariateSpline(*axes, values, kx=kx, ky=ky)
