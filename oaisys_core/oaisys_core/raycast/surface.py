@@ -24,6 +24,7 @@ from oaisys_core.raycast.view import (
     InstanceTable,
     View,
     bands,
+    count_bands,
     empty_vectors,
     take_rows,
 )
@@ -154,11 +155,12 @@ class Surface:
 
     def each_band(self, shape: tuple[int, int], work: Callable[[slice], None]) -> None:
         """Have work done on the rows of each band of an image."""
-        if self._pool is None:
-            for rows in bands(*shape):
+        parts = bands(*shape)
+        if self._pool is None or count_bands(*shape) == 1:
+            for rows in parts:
                 work(rows)
         else:
-            list(self._pool.map(work, bands(*shape)))
+            list(self._pool.map(work, parts))
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, limit_m: float) -> View:
         """Cast rays that may begin anywhere, and return their first hits as a view of one column.

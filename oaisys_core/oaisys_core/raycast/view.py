@@ -118,11 +118,15 @@ def take_rows(array: NDArray[Any], rows: slice | NDArray[np.intp]) -> NDArray[An
     return np.moveaxis(np.array(taken), 0, -1)
 
 
+def count_bands(height_px: int, width_px: int) -> int:
+    """Return how many `bands` an image has at most."""
+    pixels = height_px * width_px
+    return max(-(-pixels // BAND_PIXELS), 2 if pixels >= HALVED_PIXELS else 1)
+
+
 def bands(height_px: int, width_px: int) -> Iterator[slice]:
     """Yield slices of rows that cover an image; raise between them if the work was cancelled."""
-    pixels = height_px * width_px
-    count = max(-(-pixels // BAND_PIXELS), 2 if pixels >= HALVED_PIXELS else 1)
-    rows = max(-(-height_px // count), 1)
+    rows = max(-(-height_px // count_bands(height_px, width_px)), 1)
     for first in range(0, height_px, rows):
         stop_if_unwanted()
         yield slice(first, min(first + rows, height_px))
