@@ -202,7 +202,7 @@ def test_a_drive_begins_in_the_rigs_frame(bridged: User) -> None:
     result = bridged.answer(handle.get_result_async()).result
     assert result.success, result.message
     # The result may overtake it.
-    begin = bridged.wait_until(
+    bridged.wait_until(
         lambda: [m for m in bridged.received["/tf"] if m.transforms[0].header.stamp == result.begin]
     )
     begun = transform_to_map(bridged, frame, result.begin)
