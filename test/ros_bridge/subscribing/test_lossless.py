@@ -43,7 +43,7 @@ sent before it was there, and need not wait for them. It has taken them once it 
 PUBLISHED = FIRST + VIEWS + 1
 """Samples of a test with a node that is stopped in the middle."""
 MANY_VIEWS = 3 * VIEWS
-"""More than the middleware's shared memory keeps for a mapper that is stopped: 43 samples fit."""
+"""More than the middleware's shared memory keeps for a node that is stopped: 43 samples may fit."""
 WAIT_S = 2.0
 """Of the bridge, for a reader that takes nothing."""
 MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
@@ -176,32 +176,33 @@ def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Resul
 
 @pytest.mark.long
 def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_path: Path) -> None:
+    published = FIRST + MANY_VIEWS + 1
     crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
 
-    result = stop_in_the_middle(crew, crew.recorder, VIEWS)
+    result = stop_in_the_middle(crew, crew.recorder, MANY_VIEWS)
     assert "/oaisys_recorder has not taken" in result.message
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
-    crew.user.wait_until(lambda: crew.has_taken("/oaisys_recorder", PUBLISHED))
+    crew.user.wait_until(lambda: crew.has_taken("/oaisys_recorder", published))
     receipt = crew.receipt_of("/oaisys_recorder")
     losses = crew.end_recorder()
 
     missing = {
-        topic: PUBLISHED - count
+        topic: published - count
         for topic, count in messages_of_samples(crew.bag).items()
-        if count < PUBLISHED
+        if count < published
     }
-    assert missing["/camera/depth/image_raw"] > VIEWS / 4, "it was stopped"
+    assert missing["/camera/depth/image_raw"] > MANY_VIEWS / 4, "it was stopped"
     assert losses.lost == missing
     assert {loss.what: loss.count for loss in receipt.lost} == missing
-    assert losses.announced == receipt.samples == PUBLISHED
+    assert losses.announced == receipt.samples == published
     # Not every topic lacks the same samples.
     assert losses.incomplete == incomplete_samples(crew.bag) >= max(missing.values())
     said = crew.recorder.log.read_text()
-    assert f"{losses.incomplete} of {PUBLISHED} samples are incomplete; lost:" in said
+    assert f"{losses.incomplete} of {published} samples are incomplete; lost:" in said
     told = oaisys_here("bag", "info", crew.bag)
     assert f"/camera/depth/image_raw {missing['/camera/depth/image_raw']}" in told.stdout
     crew.user.wait_until(
-        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == PUBLISHED
+        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == published
     )
 
 

@@ -24,6 +24,7 @@ from oaisys_core.types import ModuleMetadata, Pose, Progress
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.faults import OvertakenError
+from oaisys_grpc.contract.metadata_bounds import MAX_METADATA_BYTES
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
@@ -379,9 +380,11 @@ def _operations_known(client: SimulatorClient, name: str) -> bool:
 @pytest.mark.long
 def test_requests_that_wait_are_bounded_in_bytes(slow_client: SimulatorClient) -> None:
     rendering(slow_client, slow_client.start_sample(POSES[0]))
-    note = {"text": "x" * ((4 << 20) - 4096)}
+    note = {"text": "x" * (MAX_METADATA_BYTES - 4096)}
     large = ModuleMetadata(custom={"note": note})
-    names = [slow_client.start_sample(metadata=large) for _ in range(QUEUE_BYTES // (4 << 20))]
+    names = [
+        slow_client.start_sample(metadata=large) for _ in range(QUEUE_BYTES // MAX_METADATA_BYTES)
+    ]
     assert len(names) < QUEUE_LIMIT
     with pytest.raises(QueueFullError, match="bytes of requests wait already") as refused:
         slow_client.start_sample(metadata=large)
