@@ -44,6 +44,7 @@ PUBLISHED = FIRST + VIEWS + 1
 """Samples of a test with a node that is stopped in the middle."""
 MANY_VIEWS = 3 * VIEWS
 """More than the middleware's shared memory keeps for a node that is stopped: 43 samples may fit."""
+MANY_PUBLISHED = FIRST + MANY_VIEWS + 1
 WAIT_S = 2.0
 """Of the bridge, for a reader that takes nothing."""
 MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
@@ -176,33 +177,32 @@ def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Resul
 
 @pytest.mark.long
 def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_path: Path) -> None:
-    published = FIRST + MANY_VIEWS + 1
     crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
 
     result = stop_in_the_middle(crew, crew.recorder, MANY_VIEWS)
     assert "/oaisys_recorder has not taken" in result.message
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
-    crew.user.wait_until(lambda: crew.has_taken("/oaisys_recorder", published))
+    crew.user.wait_until(lambda: crew.has_taken("/oaisys_recorder", MANY_PUBLISHED))
     receipt = crew.receipt_of("/oaisys_recorder")
     losses = crew.end_recorder()
 
     missing = {
-        topic: published - count
+        topic: MANY_PUBLISHED - count
         for topic, count in messages_of_samples(crew.bag).items()
-        if count < published
+        if count < MANY_PUBLISHED
     }
     assert missing["/camera/depth/image_raw"] > MANY_VIEWS / 4, "it was stopped"
     assert losses.lost == missing
     assert {loss.what: loss.count for loss in receipt.lost} == missing
-    assert losses.announced == receipt.samples == published
+    assert losses.announced == receipt.samples == MANY_PUBLISHED
     # Not every topic lacks the same samples.
     assert losses.incomplete == incomplete_samples(crew.bag) >= max(missing.values())
     said = crew.recorder.log.read_text()
-    assert f"{losses.incomplete} of {published} samples are incomplete; lost:" in said
+    assert f"{losses.incomplete} of {MANY_PUBLISHED} samples are incomplete; lost:" in said
     told = oaisys_here("bag", "info", crew.bag)
     assert f"/camera/depth/image_raw {missing['/camera/depth/image_raw']}" in told.stdout
     crew.user.wait_until(
-        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == published
+        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == MANY_PUBLISHED
     )
 
 
@@ -210,23 +210,22 @@ def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_pat
 def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
     stage: Stage, tmp_path: Path
 ) -> None:
-    published = FIRST + MANY_VIEWS + 1
     crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
     crew.user.listen(DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
 
     stop_in_the_middle(crew, crew.mapper, MANY_VIEWS)
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
-    crew.user.wait_until(lambda: crew.map.samples_announced == published)
+    crew.user.wait_until(lambda: crew.map.samples_announced == MANY_PUBLISHED)
     saved = crew.save_mesh(tmp_path / "mesh.ply")
     # The answer may overtake the metrics of the frame that was fused last.
     crew.user.wait_until(lambda: crew.map.frames_integrated == saved.frames)
 
     lost = Counter({loss.what: loss.count for loss in crew.map.lost})
     assert saved.success
-    assert 0 < saved.frames < published
-    assert crew.map.samples_incomplete == published - saved.frames
+    assert 0 < saved.frames < MANY_PUBLISHED
+    assert crew.map.samples_incomplete == MANY_PUBLISHED - saved.frames
     assert lost["/camera/depth/image_raw"] > MANY_VIEWS / 4
-    incomplete = f"{published - saved.frames} of {published} samples are incomplete"
+    incomplete = f"{MANY_PUBLISHED - saved.frames} of {MANY_PUBLISHED} samples are incomplete"
     assert incomplete in saved.message
     assert (tmp_path / "mesh.ply").stat().st_size > 0
     by_middleware = {loss.what: loss.count for loss in crew.map.lost_by_middleware}

@@ -13,6 +13,7 @@ import pytest
 import rasterio
 import rasterio.shutil
 from PIL import Image
+from rasterio.env import GDALVersion
 from rasterio.transform import from_origin
 
 from oaisys_core.config.sections.stage import DemConfig
@@ -301,14 +302,15 @@ FORMATS = {
 }
 
 
+if GDALVersion.runtime().at_least("3.12"):  # which writes neither
+    del FORMATS["GS7BG"], FORMATS["ELAS"]
+
+
 @pytest.mark.parametrize("driver", FORMATS)
 def test_formats_that_are_one_file(tmp_path: Path, driver: str) -> None:
     source = write(tmp_path / "source.tif", heights(), crs="EPSG:32633")
     path = tmp_path / f"a.{FORMATS[driver]}"
-    try:
-        rasterio.shutil.copy(source, path, driver=driver)
-    except Exception as error:  # noqa: BLE001 - GDAL's own errors have no public base
-        pytest.skip(f"this GDAL writes no such file: {error}")
+    rasterio.shutil.copy(source, path, driver=driver)
     # The former is always in degrees, the latter has no false easting.
     keys = {"crs": "EPSG:32633"} if driver in ("GTX", "ISIS3") else {}
     found = read(path, **keys)
