@@ -64,7 +64,7 @@ class AssetRoots:
 
     def _resolve(self, path: Path) -> Path | None:
         try:
-            found = path.resolve()
+            found = _resolve_links(path)
         except (OSError, RuntimeError):  # links in a circle
             return None
         is_inside = any(found.is_relative_to(root) for root in self.folders)
@@ -134,19 +134,23 @@ def _absolute(path: Path, info: ValidationInfo) -> Path:
         return roots.find(path)
     base = (info.context or {}).get(BASE, Path())
     try:
-        found = Path(base, path.expanduser())
-        return found.resolve(strict=_leads_in_circles(found))
+        return _resolve_links(Path(base, path.expanduser()))
     except (OSError, RuntimeError) as error:  # links in a circle, or ~ of a user who does not exist
         raise ValueError(f"expected a path that leads somewhere ({_reason(error)})") from error
 
 
-def _leads_in_circles(path: Path) -> bool:
-    """Return whether the system gives up links; `Path.resolve` does not from Python 3.13 on."""
+def _resolve_links(path: Path) -> Path:
+    """Return a path with all links resolved; `Path.resolve` from Python 3.13 on bears circles.
+
+    Raises:
+        OSError, RuntimeError: Its links go in a circle.
+    """
     try:
         path.stat()
     except OSError as error:
-        return error.errno == errno.ELOOP
-    return False
+        if error.errno == errno.ELOOP:
+            raise
+    return path.resolve()
 
 
 def _reason(error: Exception) -> str:
@@ -172,7 +176,7 @@ def _paths_in(value: Any) -> Iterator[Path]:
         yield value
     elif isinstance(value, str) and value.startswith("/"):
         with suppress(OSError, RuntimeError, ValueError):  # it is no path
-            yield Path(value).resolve()
+            yield _resolve_links(Path(value))
     elif isinstance(value, Mapping):
         for each in value.values():
             yield from _paths_in(each)

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from oaisys_core.system.ending.leftovers import remove_when_killed
+from oaisys_core.system.ending.leftovers import remove_when_killed, try_lock
 
 WRITERS = 4
 """How many writers of one target have folders whose names the next writer looks up."""
@@ -83,7 +83,8 @@ def _make_own(folder: Path, name: str) -> int | None:
             return None  # removed or replaced in between
         raise
     try:
-        if _lock(descriptor) and _make_file(descriptor, name):
+        # Another writer may have locked it, which took it for a dead one's.
+        if try_lock(descriptor) and _make_file(descriptor, name):
             return descriptor
     except OSError:
         _remove_own(folder, descriptor)
@@ -91,17 +92,6 @@ def _make_own(folder: Path, name: str) -> int | None:
     os.close(descriptor)
     _remove_empty(folder)
     return None
-
-
-def _lock(descriptor: int) -> bool:
-    """Lock a folder; return False if another writer, which took it for a dead one's, did."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass  # a file system without locks, where nobody takes it for a dead one's
-    return True
 
 
 def _make_file(descriptor: int, name: str) -> bool:

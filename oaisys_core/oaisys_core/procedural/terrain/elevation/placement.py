@@ -7,7 +7,6 @@ from math import ceil, cos, isfinite, radians
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy
 
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
@@ -17,7 +16,7 @@ from oaisys_core.procedural.terrain.elevation.references import (
     georeference_of_pixels,
     measure_scale,
 )
-from oaisys_core.procedural.terrain.elevation.warp import LocalGrid
+from oaisys_core.procedural.terrain.elevation.warp import LocalGrid, indices, spline_through
 from oaisys_core.types import FloatArray, Georeference
 
 if TYPE_CHECKING:
@@ -219,13 +218,4 @@ def _resample(
         (np.arange(n) - (n - 1) / 2) * step + (size - 1) / 2
         for n, step, size in zip(counts, steps, height_m.shape, strict=True)
     ]
-    # Cubic if the file has enough points, so that a coarse file shows no facets.
-    degrees = [min(3, size - 1) for size in height_m.shape]
-    spline = scipy.interpolate.RectBivariateSpline(
-        np.arange(height_m.shape[0]),
-        np.arange(height_m.shape[1]),
-        height_m,
-        kx=degrees[0],
-        ky=degrees[1],
-    )
-    return np.asarray(spline(*axes))
+    return np.asarray(spline_through(indices(height_m.shape), height_m)(*axes))

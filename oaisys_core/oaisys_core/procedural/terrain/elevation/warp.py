@@ -92,7 +92,7 @@ class LocalGrid:
             # Smooth first, because finer relief would alias.
             odd = [2 * (n // 2) + 1 for n in reduced]
             height_m = scipy.ndimage.uniform_filter(height_m, odd, mode="mirror")
-        return np.asarray(_spline(_indices(height_m.shape), height_m).ev(rows, cols))
+        return np.asarray(spline_through(indices(height_m.shape), height_m).ev(rows, cols))
 
     def _places_px(
         self, step_m: float, counts: tuple[int, int], shape: tuple[int, ...]
@@ -116,7 +116,7 @@ class LocalGrid:
         inverse = ~self._transform
         col, row = coordinates(inverse, x, y)
         rows, cols = (
-            _spline(along[::-1], each - 0.5)(*_indices(counts[::-1])) for each in (row, col)
+            spline_through(along[::-1], each - 0.5)(*indices(counts[::-1])) for each in (row, col)
         )
         return np.asarray(rows), np.asarray(cols)
 
@@ -157,13 +157,17 @@ def _equidistant(reference: Reference, lon_deg: float, lat_deg: float) -> CRS:
     return ProjectedCRS(conversion, geodetic_crs=reference.geodetic)
 
 
-def _indices(counts: tuple[int, ...]) -> list[FloatArray]:
+def indices(counts: tuple[int, ...]) -> list[FloatArray]:
+    """Return 0, 1, ... along each axis of an image."""
     return [np.arange(n, dtype=np.float64) for n in counts]
 
 
-def _spline(
+def spline_through(
     axes: Sequence[FloatArray], values: FloatArray
 ) -> scipy.interpolate.RectBivariateSpline:
-    """Return a spline through (R, C) values at rows and columns, cubic if there are enough."""
+    """Return a spline through (R, C) values at rows and columns.
+
+    It is cubic if there are enough, so that a coarse file shows no facets.
+    """
     kx, ky = (min(3, len(axis) - 1) for axis in axes)
     return scipy.interpolate.RectBivariateSpline(*axes, values, kx=kx, ky=ky)

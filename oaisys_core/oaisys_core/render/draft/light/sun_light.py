@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import repeat
 from math import pi, sin, sqrt
 from typing import NamedTuple, TypeVar
 
@@ -102,9 +104,9 @@ class SunLight:
         is_like_first = _spread(is_known) & (_spread(instance_ids) == instance_ids)
         is_lit = _spread(is_lit)
         wanted = may_see & ~is_like_first
-        for growth in range(GROWTH):
+        for few in _few_by_round(wanted.size):
             wanted &= ~is_known
-            if np.count_nonzero(wanted) <= (FEW * wanted.size if growth else 0):
+            if np.count_nonzero(wanted) <= few:
                 break
             self._cast(wanted, is_lit)
             is_known |= wanted
@@ -135,12 +137,13 @@ class SunLight:
         """
         flat, square = share.reshape(-1), np.ones((3, 3), np.uint8)
         edges = cv2.blur(is_edge.astype(np.float32), (CLUTTER_PX, CLUTTER_PX))
-        is_cluttered = edges.reshape(-1) > CLUTTER
-        for growth in range(GROWTH):
+        is_cluttered = edges > CLUTTER
+        is_left &= is_edge | ~is_cluttered
+        for few in _few_by_round(share.size):
             rows = np.flatnonzero(is_edge & is_left)
-            if len(rows) <= (FEW * share.size if growth else 0):
+            if len(rows) <= few:
                 break
-            is_coarse = is_cluttered[rows]
+            is_coarse = is_cluttered.reshape(-1)[rows]
             for disc, some in (
                 (self._disc, rows[~is_coarse]),
                 (self._coarse_disc, rows[is_coarse]),
@@ -148,7 +151,6 @@ class SunLight:
                 if len(some):
                     flat[some] = self._mean_shares(disc, some, _places(some, share.shape[1]))
             is_left.reshape(-1)[rows] = False
-            is_left.reshape(-1)[is_cluttered] = False
             is_partly = np.zeros(share.shape, np.uint8)
             is_partly.reshape(-1)[rows] = (flat[rows] > 0) & (flat[rows] < 1)
             is_edge = cv2.dilate(is_partly, square) > 0
@@ -179,6 +181,12 @@ def _spread(image: NDArray[T]) -> NDArray[T]:
     first = image[::COARSE_PX, ::COARSE_PX]
     height, width = image.shape
     return first.repeat(COARSE_PX, axis=0)[:height].repeat(COARSE_PX, axis=1)[:, :width]
+
+
+def _few_by_round(pixels: int) -> Iterator[float]:
+    """Yield, for each round of growth, how many pixels end it; the first one takes any."""
+    yield 0
+    yield from repeat(FEW * pixels, GROWTH - 1)
 
 
 def _is_edge(is_lit: NDArray[np.uint8], may_see: NDArray[np.bool_]) -> NDArray[np.bool_]:
