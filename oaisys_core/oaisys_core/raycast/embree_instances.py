@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from oaisys_core.private.embree import INVALID_ID, Embree
 from oaisys_core.raycast.instances import InstanceTarget, keep_nearest, matvec
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
+from oaisys_core.raycast.targets.ray_target import RayCone
 from oaisys_core.raycast.triangles import exact_distances
 from oaisys_core.types import FloatArray
 
@@ -65,7 +66,9 @@ class EmbreeInstanceTarget(InstanceTarget):
         )
         keep_nearest(best, found, rays, distances, self.first[instances] + triangles)
 
-    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+    def occludes(
+        self, origins_m: FloatArray, directions: FloatArray, cone: RayCone | None = None
+    ) -> NDArray[np.bool_]:
         """See `RayTarget`."""
         if self.has_cut_outs.any():
             return super().occludes(origins_m, directions)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import asin, pi, tan
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayCone, RayTarget
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray, TriangleMesh
@@ -81,16 +82,19 @@ class FarGroundTarget(RayTarget):
             found[rays] = np.minimum(found[rays], level_m)
         return found, elements
 
-    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """See `RayTarget`; parallel rays steeper than all of it are not even cast."""
+    def occludes(
+        self, origins_m: FloatArray, directions: FloatArray, cone: RayCone | None = None
+    ) -> NDArray[np.bool_]:
+        """See `RayTarget`; rays of a cone that are steeper than all of it are not even cast."""
         if not len(directions):
             return np.zeros(0, np.bool_)
-        ray = directions[0]
-        # Parallel rays are given as one.
-        if directions.strides[0]:
+        if cone is None:
             return self._occludes_any(origins_m, directions)
-        if ray[2] > np.hypot(ray[0], ray[1]) * self._steepest(origins_m):
+        lowest_rad = asin(cone.axis[2]) - cone.half_angle_rad
+        if lowest_rad >= pi / 2 or tan(lowest_rad) > self._steepest(origins_m):
             return np.zeros(len(directions), np.bool_)
+        if cone.half_angle_rad:
+            return self._occludes_any(origins_m, directions)
         return self._triangles.occludes(origins_m, directions)
 
     def _occludes_any(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from oaisys_core.raycast.prototype_meshes import merge_instances
 from oaisys_core.raycast.solids import SolidTarget, flat_ground, target_of, tessellate
 from oaisys_core.raycast.targets.ground_target import ground_mesh, ground_target
 from oaisys_core.raycast.targets.placement_targets import PlacementTargets
-from oaisys_core.raycast.targets.ray_target import RayTarget
+from oaisys_core.raycast.targets.ray_target import RayCone, RayTarget
 from oaisys_core.raycast.view import (
     NO_TARGET,
     InstanceTable,
@@ -271,24 +271,33 @@ class Surface:
     def are_occluded_along(self, origins_m: FloatArray, direction: FloatArray) -> NDArray[np.bool_]:
         """Return (R,) whether parallel rays from (R, 3) origins in ``map`` hit anything.
 
-        ``direction`` is (3,).
+        Args:
+            origins_m: Points above the ground.
+            direction: (3,) unit vector.
         """
+        x, y, z = direction.tolist()
+        cone = RayCone((x, y, z))
         found = np.zeros(len(origins_m), np.bool_)
         left = origins_m
         for target in self._targets:
             rows = np.flatnonzero(~found)
             if len(rows) < len(left):
                 left = take_rows(origins_m, rows)
-            found[rows] = target.occludes(left, np.broadcast_to(direction, left.shape))
+            found[rows] = target.occludes(left, np.broadcast_to(direction, left.shape), cone)
         return found
 
-    def are_occluded(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """Return (R,) whether rays in (R, 3) directions from (R, 3) origins hit anything."""
+    def are_occluded(
+        self, origins_m: FloatArray, directions: FloatArray, cone: RayCone | None = None
+    ) -> NDArray[np.bool_]:
+        """Return (R,) whether rays in (R, 3) directions from (R, 3) origins hit anything.
+
+        If the origins are above the ground, a ``cone`` of all the rays saves time.
+        """
         found = np.zeros(len(origins_m), np.bool_)
         rows, left = np.arange(len(found)), (origins_m, directions)
         # Objects first: they hide more than the ground where shadows are looked at closely.
         for target in (*self._targets[1:], self._ground_target):
-            is_hidden = target.occludes(*left)
+            is_hidden = target.occludes(*left, cone)
             if not is_hidden.any():
                 continue
             found[rows[is_hidden]] = True

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.open3d_bvh import BvhBuilder, Open3DBvh, TriangleBvh
-from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayTarget
+from oaisys_core.raycast.targets.ground_shade import GroundShade
+from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayCone, RayTarget
+from oaisys_core.raycast.view import take_rows
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray, TriangleMesh, merge_meshes
 
@@ -80,7 +82,9 @@ class TriangleTarget(RayTarget):
         distances[hit] = exact_distances(distances[hit], corners, normals, origins, rays[hit])
         return distances.reshape(shape), elements.reshape(shape)
 
-    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+    def occludes(
+        self, origins_m: FloatArray, directions: FloatArray, cone: RayCone | None = None
+    ) -> NDArray[np.bool_]:
         """See `RayTarget`."""
         if self._bvh is None:
             return np.zeros(len(directions), np.bool_)
@@ -128,7 +132,21 @@ class HeightFieldTarget(TriangleTarget):
         """Prepare a BVH of a height field's mesh, which is not kept; see `TriangleTarget`."""
         self._elevation_m = ground.elevation_m.astype(np.float32, copy=False)
         self._y_m, self._x_m = ground.grid_m()
+        self._shade = GroundShade(ground)
         super().__init__([mesh], builder)
+
+    def occludes(
+        self, origins_m: FloatArray, directions: FloatArray, cone: RayCone | None = None
+    ) -> NDArray[np.bool_]:
+        """See `RayTarget`; rays of a cone that the ground cannot hide are not even cast."""
+        if cone is None:
+            return super().occludes(origins_m, directions)
+        found = np.zeros(len(directions), np.bool_)
+        rays = np.flatnonzero(self._shade.may_hide(origins_m, cone))
+        if len(rays):
+            some = take_rows(origins_m, rays), take_rows(directions, rays)
+            found[rays] = super().occludes(*some)
+        return found
 
     def _keep(self, mesh: TriangleMesh) -> None:
         """Keep the grid as seen from the origin, and its steps."""

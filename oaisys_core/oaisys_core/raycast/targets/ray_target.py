@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,18 @@ from oaisys_core.types import FloatArray
 
 NO_ELEMENT = -1
 """Element of a ray that hits nothing."""
+
+
+class RayCone(NamedTuple):
+    """Bounds of the directions of rays.
+
+    Attributes:
+        axis: (x, y, z) unit vector in ``map``.
+        half_angle_rad: The most that a ray deviates from it; 0: all are parallel.
+    """
+
+    axis: tuple[float, float, float]
+    half_angle_rad: float = 0.0
 
 
 class RayTarget(ABC):
@@ -69,8 +82,13 @@ class RayTarget(ABC):
         """Return the index of each element among the triangles of its object's own mesh."""
         return elements
 
-    def occludes(self, origins_m: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
-        """Return (R,) whether (R, 3) rays from (R, 3) origins hit it anywhere."""
+    def occludes(
+        self, origins_m: FloatArray, directions: FloatArray, cone: RayCone | None = None
+    ) -> NDArray[np.bool_]:
+        """Return (R,) whether (R, 3) rays from (R, 3) origins hit it anywhere.
+
+        With a ``cone`` of all the rays, which begin above the ground, fewer may be cast.
+        """
         return np.isfinite(self.intersect(origins_m, directions)[0])
 
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import repeat
 from math import pi, sin, sqrt
 from typing import NamedTuple, TypeVar
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.surface import Surface
+from oaisys_core.raycast.targets.ray_target import RayCone
 from oaisys_core.render.draft.appearance import Floats, normalise
 from oaisys_core.scene.sky import Sky
 from oaisys_core.types import FloatArray
@@ -34,6 +36,10 @@ to its disc: how rays are divided into bands."""
 BLOCK_PX = 2
 """Edge of the square of pixels whose rays go to different points of the disc, so that together they
 see its share in finer steps."""
+
+TILE_PX = (8, 4)
+"""Rows and columns of the tiles in whose order rays are cast: rays that Embree casts together, and
+one after the other, then meet much of the same."""
 
 GROWTH = 12
 """How often the pixels along the edges of shadows are extended: while their neighbours are in
@@ -83,6 +89,7 @@ class SunLight:
         self._surface, self._starts = surface, starts
         self._to_sun = np.array(sky.to_sun)
         radius_rad = sky.sun_angular_diameter_rad / 2
+        self._cone = RayCone(sky.to_sun, radius_rad)
         self._disc = _disc(self._to_sun, radius_rad, EDGE_RAYS)
         self._coarse_disc = _disc(self._to_sun, radius_rad, CLUTTERED_RAYS)
 
@@ -117,7 +124,7 @@ class SunLight:
 
     def _cast(self, wanted: NDArray[np.bool_], is_lit: NDArray[np.uint8]) -> None:
         """Write, in place, whether wanted pixels see the middle of the sun."""
-        pixels = np.flatnonzero(wanted)
+        pixels = _pixels_by_tile(wanted)
         flat = is_lit.reshape(-1)
 
         def cast(rows: slice) -> None:
@@ -140,7 +147,7 @@ class SunLight:
         is_cluttered = edges > CLUTTER
         is_left &= is_edge | ~is_cluttered
         for few in _few_by_round(share.size):
-            rows = np.flatnonzero(is_edge & is_left)
+            rows = _pixels_by_tile(is_edge & is_left)
             if len(rows) <= few:
                 break
             is_coarse = is_cluttered.reshape(-1)[rows]
@@ -169,7 +176,7 @@ class SunLight:
             # By component, as the starts are.
             rays = disc[:, places[rows]].reshape(3, -1).T
             origins_m = np.repeat(self._starts.at(pixels[rows]).T, count, axis=1).T
-            is_hidden = self._surface.are_occluded(origins_m, rays)
+            is_hidden = self._surface.are_occluded(origins_m, rays, self._cone)
             shares[rows] = 1 - is_hidden.reshape(-1, count).mean(axis=1, dtype=np.float32)
 
         self._surface.each_band((len(pixels), count * DISC_RAY_PIXELS), cast)
@@ -197,6 +204,19 @@ def _is_edge(is_lit: NDArray[np.uint8], may_see: NDArray[np.bool_]) -> NDArray[n
     square = np.ones((3, 3), np.uint8)
     lit, dark = np.where(may_see, is_lit, np.uint8(1)), is_lit * may_see
     return np.asarray(cv2.dilate(dark, square) > cv2.erode(lit, square))
+
+
+def _pixels_by_tile(wanted: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the flat indices of the wanted pixels of an (H, W) image, tile by tile."""
+    order = _tile_order(*wanted.shape)
+    return np.asarray(order[wanted.reshape(-1).take(order)])
+
+
+@lru_cache(maxsize=2)
+def _tile_order(height_px: int, width_px: int) -> NDArray[np.intp]:
+    """Return the flat indices of an image's pixels, tile by tile."""
+    row, column = (each.reshape(-1) for each in np.indices((height_px, width_px)))
+    return np.asarray(np.lexsort((column, row, column // TILE_PX[1], row // TILE_PX[0])))
 
 
 def _places(pixels: NDArray[np.intp], width_px: int) -> NDArray[np.intp]:
