@@ -32,8 +32,8 @@ PRESETS = {
     "geometry": QualityPreset(samples=1, max_bounces=0),
     "draft": QualityPreset(samples=1, max_bounces=0),
     "preview": QualityPreset(samples=1, max_bounces=2, small_samples=6),
-    "standard": QualityPreset(samples=3, max_bounces=2, max_samples=6),
-    "high": QualityPreset(samples=8, max_bounces=3),
+    "standard": QualityPreset(samples=3, max_bounces=2, max_samples=6, small_samples=6),
+    "high": QualityPreset(samples=8, max_bounces=3, small_samples=6),
     "final": QualityPreset(samples=128, max_bounces=4),
 }
 

@@ -18,7 +18,7 @@ from oaisys_core.render.blender.adaptive_samples import (
     samples_for,
     view_need,
 )
-from oaisys_core.scene import Primitive, Scene
+from oaisys_core.scene import Lamp, Primitive, Scene
 from oaisys_core.types import PinholeIntrinsics
 
 DOWN = camera(pose_looking_down(10.0, 10.0, 8.0))
@@ -111,6 +111,17 @@ def test_small_images_of_one_sample_have_several_where_they_cost_little() -> Non
         found.append((chosen.samples, chosen.max_samples))
     assert [samples for samples, _ in found] == [6, 6, 1, 1]
     assert found[0][1] == 6
+
+
+@pytest.mark.parametrize(("samples", "most"), [(1, 1), (3, 6), (8, 8)])
+def test_small_images_have_more_samples_where_there_are_lamps(samples: int, most: int) -> None:
+    white, down, right = (1.0, 1.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
+    lamp = Lamp("lamp", "point", "map", (10.0, 10.0, 3.0), down, right, 100.0, white)
+    lit = Surface(replace(flat_world(), lamps=(lamp,)), None)
+    wanted = replace(settings(samples), denoise=True, max_samples=most, small_samples=6)
+    assert adapt(lit, DOWN, wanted).samples == 24
+    large = replace(DOWN, intrinsics=replace(DOWN.intrinsics, width_px=640, height_px=480))
+    assert adapt(lit, large, wanted).samples == samples
 
 
 def test_a_picture_has_the_samples_that_its_view_needs() -> None:
