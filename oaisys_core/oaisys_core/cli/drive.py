@@ -93,7 +93,7 @@ def drive(
     chosen = adjust(loaded, seed=seed, backend=backend, quality=quality, size=size)
     drive_section(chosen)
     unavailable: dict[str, str] = {}
-    with own_stdout():
+    with own_folder(out), own_stdout():
         simulation = Simulation(chosen)
         try:
             # After the backend, because Blender must be loaded before Open3D.
@@ -105,8 +105,7 @@ def drive(
             if not planned.sample_count():
                 expected = "a drive so long that an image or a scan is due"
                 raise InvalidInputError("drive", f"{planned.duration_s:g} s", expected)
-            with own_folder(out):
-                recorded = _record(simulation, planned, chosen, out, open_bag, unavailable)
+            recorded = _record(simulation, planned, chosen, out, open_bag, unavailable)
         finally:
             simulation.close()
     if write_report is not None:

@@ -10,7 +10,7 @@ import errno
 import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError, NotReadyError
@@ -44,7 +44,8 @@ def make_folder(folder: Path, field: str = "out") -> Path:
 def own_folder(folder: Path, field: str = "out") -> Iterator[Path]:
     """Make a folder for output, and keep other commands out of it during a block; yield it.
 
-    The lock is one of the folder itself, leaves no file, and ends with its process.
+    The lock is one of the folder itself, leaves no file, and ends with its process. If the block
+    fails before anything was written, the folders that were made for it are removed.
 
     Args:
         folder: The folder.
@@ -54,15 +55,33 @@ def own_folder(folder: Path, field: str = "out") -> Iterator[Path]:
         NotReadyError: Another command is writing to it.
         InvalidInputError, OSError: See `make_folder`.
     """
+    made = _missing(folder)
     descriptor = os.open(make_folder(folder, field), os.O_RDONLY | os.O_DIRECTORY)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise NotReadyError(f"{folder}: another command is writing to it") from None
-        yield folder
+        try:
+            yield folder
+        except BaseException:
+            with suppress(OSError):  # the first one that is not empty
+                for each in made:
+                    each.rmdir()
+            raise
     finally:
         os.close(descriptor)
+
+
+def _missing(folder: Path) -> list[Path]:
+    """Return which of a folder and those above it are not there, the innermost first."""
+    found = []
+    with suppress(OSError):  # no file can have the name
+        for each in (folder, *folder.parents):
+            if each.exists():
+                break
+            found.append(each)
+    return found
 
 
 def user_path(text: str | Path, field: str) -> Path:

@@ -6,11 +6,11 @@ process.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection, Pipe
@@ -162,6 +162,11 @@ def _plan(planner: Planner, situation: Situation) -> Plan | PlannerError | None:
 
 
 if __name__ == "__main__":
+    _parser = argparse.ArgumentParser(description="Run a planner for the program that starts this.")
+    _parser.add_argument("descriptor", type=int, help="of the pipe between the two")
+    _parser.add_argument("planner", help="its name")
+    _parser.add_argument("seed", type=int, help="of its random numbers")
+    _given = _parser.parse_args()
     follow_owner()
-    with Connection(int(sys.argv[1])) as _pipe:
-        _serve(_pipe, sys.argv[2], int(sys.argv[3]))
+    with Connection(_given.descriptor) as _pipe:
+        _serve(_pipe, _given.planner, _given.seed)

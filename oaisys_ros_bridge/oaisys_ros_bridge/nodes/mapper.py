@@ -149,12 +149,14 @@ class MapperNode(ParameterNode, Node):
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:
             path = user_path(request.path, "path")
-            path.parent.mkdir(parents=True, exist_ok=True)
             with self._settle() as volume:
+                views = self._fusion.views
+                if not views:
+                    raise NotReadyError("nothing has been mapped yet")
                 mesh = volume.extract_mesh()
+                path.parent.mkdir(parents=True, exist_ok=True)
                 if path.suffix == VOLUME_SUFFIX:
                     volume.save(path)
-                views = self._fusion.views
             if path.suffix != VOLUME_SUFFIX:
                 write_ply(
                     path, mesh, self._inputs.class_names if mesh.class_ids is not None else None

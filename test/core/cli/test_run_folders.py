@@ -34,3 +34,13 @@ def test_a_folder_that_another_command_writes_to_is_refused(
         assert refused.exit_code != 0
         assert "another command is writing to it" in str(refused.exception)
         assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_configuration_that_is_refused_leaves_no_folder(tmp_path: Path) -> None:
+    config = tmp_path / "world.yaml"
+    world = {**WORLD, "render": {"passes": ["disparity"]}}
+    config.write_text(yaml.safe_dump(world), encoding="utf-8")
+    out = tmp_path / "a" / "out"
+    refused = CliRunner().invoke(app, ["render", "--config", str(config), "--out", str(out)])
+    assert "render.passes.0: received 'disparity'" in str(refused.exception)
+    assert not (tmp_path / "a").exists()

@@ -230,3 +230,17 @@ def test_a_configuration_without_a_drive_is_refused(tmp_path: Path) -> None:
     result = oaisys("drive", "--out", tmp_path / "out", "--backend", "analytic")
     assert result.returncode == 2
     assert "drive: received None, expected a section" in result.stderr
+
+
+def test_a_file_as_the_folder_is_refused_before_the_drive_is_planned(tmp_path: Path) -> None:
+    (tmp_path / "out").touch()
+    result = oaisys("drive", "--config", config_file(tmp_path), "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert result.stderr.startswith("oaisys: out: received "), result.stderr
+    assert "the way" not in result.stderr
+
+
+def test_a_drive_that_is_refused_leaves_no_folder(tmp_path: Path) -> None:
+    result = oaisys("drive", "--out", tmp_path / "out", "--backend", "analytic")
+    assert result.returncode == 2
+    assert not (tmp_path / "out").exists()

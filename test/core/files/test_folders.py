@@ -44,3 +44,27 @@ def test_a_folder_has_one_owner_at_a_time_and_keeps_no_file_of_it(tmp_path: Path
         assert list(folder.iterdir()) == []
     with own_folder(folder):
         pass
+
+
+def test_folders_that_a_failure_left_empty_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "before").mkdir()
+    folder = tmp_path / "before" / "a" / "b"
+    with pytest.raises(KeyError), own_folder(folder):
+        raise KeyError
+    assert list((tmp_path / "before").iterdir()) == []
+
+
+def fail_with_a_file(folder: Path) -> None:
+    (folder / "file").touch()
+    raise KeyError
+
+
+def test_folders_with_files_and_those_that_were_there_stay_after_a_failure(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    with pytest.raises(KeyError), own_folder(folder):
+        fail_with_a_file(folder)
+    assert (folder / "file").exists()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(KeyError), own_folder(tmp_path / "empty"):
+        raise KeyError
+    assert (tmp_path / "empty").is_dir()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -74,3 +76,14 @@ def test_a_planner_plans_there_what_it_would_plan_here(voxels: OccupancyMap) -> 
             np.testing.assert_array_equal(plan.path_m, expected.path_m)
             visited.append(plan.pose)
             voxels.set_free(plan.pose.position_m, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"), [(["--help"], 0), ([], 2), (["x", "random", "1"], 2)]
+)
+def test_as_a_program_it_says_what_it_wants(arguments: list[str], code: int) -> None:
+    command = [sys.executable, "-P", "-m", "oaisys_mapping.exploration.planner_process"]
+    result = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False)
+    assert result.returncode == code
+    assert "usage:" in result.stdout + result.stderr
+    assert "Traceback" not in result.stderr

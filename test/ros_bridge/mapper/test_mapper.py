@@ -269,14 +269,20 @@ def test_it_measures_its_map_against_the_truth(peer: Peer, tmp_path: Path) -> No
     peer.wait_until(lambda: peer.latest["metrics"].metrics_json == measured.metrics_json)
 
 
-def test_a_reset_empties_the_map(peer: Peer, tmp_path: Path) -> None:
+def test_an_empty_map_replaces_no_mesh(peer: Peer, tmp_path: Path) -> None:
     peer.show_all()
+    path = tmp_path / "m.ply"
+    assert peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=str(path))).triangles > 0
+    before = path.read_bytes()
 
     assert peer.call(Trigger, "reset", Trigger.Request()).success
 
     peer.wait_for_frames(0)
-    request = SaveMesh.Request(path=str(tmp_path / "empty.ply"))
-    assert peer.call(SaveMesh, "save_mesh", request).triangles == 0
+    for name in ("m.ply", "new/m.ply", "m.npz"):
+        refused = peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=str(tmp_path / name)))
+        assert (refused.success, refused.message) == (False, "nothing has been mapped yet")
+    assert path.read_bytes() == before
+    assert [each.name for each in tmp_path.iterdir()] == ["m.ply"]
 
 
 @pytest.mark.long

@@ -15,6 +15,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_formats.image_headers import (
     StoredValues,
+    exif_orientation,
     image_size,
     is_tiff,
     values_of,
@@ -118,21 +119,33 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
     try:
         size = image_size(data)
         values = values_of(data)
+        # Coordinates of a mesh's textures are those of the pixels as they are stored.
+        orientation = 1 if use is MESH_TEXTURE else exif_orientation(data)
     except ValueError as error:
         raise use.refusal(name, error) from error
     use.check(*size, name)
     _check_values(values, use, name)
     if not (is_tiff(data) or data.startswith(b"BM")):
-        image = _decode(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
+        read = cv2.IMREAD_UNCHANGED if flags is None else flags | cv2.IMREAD_IGNORE_ORIENTATION
+        image = _decode(data, use, name, read)
         bits = 8 if values.largest.bit_length() <= 8 else 16
-        if image.dtype.itemsize * 8 != bits or sorted(image.shape[:2]) != sorted(size):
+        if image.dtype.itemsize * 8 != bits or image.shape[1::-1] != size:
             found = f"{image.shape[1]} x {image.shape[0]} pixels of {image.dtype}"
             raise use.refusal(name, f"{found}, not {size[0]} x {size[1]} of {bits} bits")
-        return image
+        return np.ascontiguousarray(upright(image, orientation))
     image = _decode_tiff(data, use, name) if is_tiff(data) else _decode_bmp(data, use, name)
     if flags is None or image.ndim == 2:
         return image
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
+
+
+def upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Return pixels whose first row is the top one and whose first column is the left one."""
+    if orientation in (5, 6, 7, 8):
+        pixels = np.swapaxes(pixels, 0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return pixels[:, ::-1] if orientation in (2, 3, 6, 7) else pixels
 
 
 def _check_values(values: StoredValues, use: ImageUse, name: str) -> None:

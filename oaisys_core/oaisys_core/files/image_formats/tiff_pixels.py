@@ -19,7 +19,7 @@ from oaisys_core.files.image_formats.image_headers import (
     TiffHeader,
     tiff_header,
 )
-from oaisys_core.files.image_formats.images import ImageUse
+from oaisys_core.files.image_formats.images import ImageUse, upright
 from oaisys_core.files.image_formats.rasters import open_geotiff, without_georeference
 
 _DTYPES = ("uint8", "uint16", "float16", "float32")
@@ -78,7 +78,7 @@ def read_tiff(data: bytes, use: ImageUse, name: str) -> NDArray[Any]:
     if pixels.shape[2] == 2:  # grey, and opacity or what the file does not say
         is_kept = header.has_alpha and not use.is_of_numbers
         pixels = pixels[..., [0, 0, 0, 1] if is_kept else [0]]
-    return np.ascontiguousarray(_upright(_blue_first(pixels), header.orientation))
+    return np.ascontiguousarray(upright(_blue_first(pixels), header.orientation))
 
 
 def _check_header(header: TiffHeader, use: ImageUse, name: str) -> None:
@@ -157,12 +157,3 @@ def _blue_first(pixels: NDArray[Any]) -> NDArray[Any]:
     """Return one channel as (H, W), and colours blue first."""
     channels = pixels.shape[2]
     return pixels[..., 0] if channels == 1 else pixels[..., [2, 1, 0, *range(3, channels)]]
-
-
-def _upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Return pixels whose first row is the top one and whose first column is the left one."""
-    if orientation in (5, 6, 7, 8):
-        pixels = np.swapaxes(pixels, 0, 1)
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels[:, ::-1] if orientation in (2, 3, 6, 7) else pixels

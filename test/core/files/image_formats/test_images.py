@@ -16,7 +16,7 @@ import OpenEXR
 import psutil
 import pytest
 import rasterio
-from PIL import Image
+from PIL import ExifTags, Image, ImageOps
 from rasterio.io import MemoryFile
 
 from oaisys_core.config.sections.density import ImageDensity
@@ -29,6 +29,7 @@ from oaisys_core.files.image_formats.image_headers import image_size
 from oaisys_core.files.image_formats.images import (
     ELEVATION,
     FRAME,
+    MESH_TEXTURE,
     SKY,
     TEXTURE,
     USES,
@@ -420,3 +421,35 @@ def test_the_bounds_are_documented() -> None:
     text = (Path(__file__).parents[4] / "docs" / "files.md").read_text(encoding="utf-8")
     for use in USES:
         assert f"{use.most_px:,}" in text, use.name
+
+
+def turned(kind: str, orientation: int) -> bytes:
+    """A picture with EXIF of an orientation, as Pillow writes it."""
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    file = io.BytesIO()
+    pixels = np.zeros((16, 24, 3), np.uint8)
+    pixels[:8, :8] = 255
+    lossless = {"WEBP": {"lossless": True}}.get(kind, {})
+    Image.fromarray(pixels).save(file, kind, exif=exif, **lossless)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_pictures_are_turned_as_exif_says_but_for_a_mesh(kind: str, orientation: int) -> None:
+    data = turned(kind, orientation)
+    with Image.open(io.BytesIO(data)) as image:
+        stored, shown = (np.asarray(each) for each in (image, ImageOps.exif_transpose(image)))
+    grey = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
+    for use in USES:
+        wanted = stored if use is MESH_TEXTURE else shown
+        found = decode_pixels(data, use, "a")[..., ::-1]
+        assert np.abs(found.astype(int) - wanted).max() < 20
+        one = decode_pixels(data, use, "a", grey)
+        assert np.abs(one.astype(int) - wanted.mean(axis=-1)).max() < 20
+
+
+def test_an_orientation_that_exif_does_not_have_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match="EXIF orientation is 9, expected 1 to 8"):
+        decode_pixels(turned("PNG", 9), TEXTURE, "a")
