@@ -48,6 +48,7 @@ class RockGroupConfig(Labelled):
         variants: Number of different meshes.
         sink: (least, most) share of a rock's height below the ground.
         max_slope_deg: Steepest ground on which rocks are placed.
+        beyond_stage: Whether rocks also lie on the land around the stage, fewer with the distance.
     """
 
     kind: str = "angular"
@@ -58,6 +59,7 @@ class RockGroupConfig(Labelled):
     variants: int = Field(default=24, ge=1, le=64)
     sink: tuple[float, float] = (0.15, 0.4)
     max_slope_deg: float = Field(default=40.0, ge=0, le=90)
+    beyond_stage: bool = True
     label: LabelText = "rock"
     semantic_id: SemanticId = 10
 

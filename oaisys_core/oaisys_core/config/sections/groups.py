@@ -50,7 +50,7 @@ class GroupConfig(ShapedConfig):
         sink: (least, most) share of the height below the ground; None is [0, 0.03] for built-in
             plants and [0.15, 0.4] for all others.
         beyond_stage: Whether they also stand on the land around the stage, fewer with the distance;
-            None: built-in plants do if ``size_m`` reaches 1 m.
+            None: rocks do, and built-in plants if ``size_m`` reaches 1 m.
     """
 
     name: Name

@@ -1,7 +1,8 @@
-"""Plants on the land around a stage, so that a wood does not end where the stage does."""
+"""Plants and rocks on the land around a stage, so that they do not end where the stage does."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.scatter.density import make_density
 from oaisys_core.procedural.scatter.ids import ON_LAND
 from oaisys_core.procedural.scatter.placement import slope_deg
+from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.scatter.shapes import PLANTS
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.scene.terrain_material import TerrainMaterial
@@ -21,26 +23,26 @@ LEAST_M = 1.0
 """Plants of groups with sizes from here on go on beyond the stage, unless their group says no."""
 
 REACH = 30.0
-"""Distance from the stage, in units of a plant's size, at which the last one of its size stands:
+"""Distance from the stage, in units of a thing's size, at which the last one of its size stands:
 there it is 18 pixels high in a picture of 640 pixels and 60 degrees."""
 
 MAX_TILES = 8
-"""Stages beside the stage, along each axis, into which its plants are mirrored."""
+"""Stages beside the stage, along each axis, into which its things are mirrored."""
 
 JITTER = 0.25
-"""Standard deviation of the shift of a mirrored plant, in mean distances between the plants."""
+"""Standard deviation of the shift of a mirrored thing, in mean distances between the things."""
 
 LEAST_DENSITY = 0.05
 """Density on the stage below which a mirrored plant does not become likelier than its image."""
 
 
 class PlacesBeyond(NamedTuple):
-    """Where N plants stand on the land around a stage.
+    """Where N plants or rocks stand on the land around a stage.
 
     Attributes:
         xy_m: (N, 2) positions in ``map``.
-        like: (N,) index of the plant of the stage that each of them is like.
-        distance: (N,) distance from the stage's edge, in units of the plant's size.
+        like: (N,) index of the one on the stage that each of them is like.
+        distance: (N,) distance from the stage's edge, in units of its size.
     """
 
     xy_m: FloatArray
@@ -49,13 +51,14 @@ class PlacesBeyond(NamedTuple):
 
 
 def goes_beyond(group: GroupConfig) -> bool:
-    """Return whether a group's plants also stand on the land around the stage."""
+    """Return whether a group's plants or rocks also stand on the land around the stage."""
     if group.beyond_stage is None:
-        return group.shape in PLANTS and group.size_m[1] >= LEAST_M
+        is_large_plant = group.shape in PLANTS and group.size_m[1] >= LEAST_M
+        return is_large_plant or group.shape in ROCK_KINDS
     return group.beyond_stage
 
 
-def places_beyond(
+def plant_places_beyond(
     group: GroupConfig,
     xy_m: FloatArray,
     sizes_m: FloatArray,
@@ -65,20 +68,41 @@ def places_beyond(
 ) -> PlacesBeyond:
     """Return where plants stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
 
-    The plants of the stage are mirrored at its edges and shifted a little, so that their number is
+    Layers and slopes of the land count as those of the stage do; see `places_beyond`.
+    """
+
+    def suits(found: PlacesBeyond) -> NDArray[np.bool_]:
+        return _suits(group, xy_m, found, ground, material, rng)
+
+    return places_beyond(xy_m, sizes_m, ground, rng, suits)
+
+
+def places_beyond(
+    xy_m: FloatArray,
+    sizes_m: FloatArray,
+    ground: GroundAround,
+    rng: np.random.Generator,
+    suits: Callable[[PlacesBeyond], NDArray[np.bool_]],
+    margin_m: float = 0.0,
+) -> PlacesBeyond:
+    """Return where things stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
+
+    The things of the stage are mirrored at its edges and shifted a little, so that their number is
     the same on both sides of an edge. They get fewer with the distance in units of their sizes, up
-    to `REACH`, or nearer if they would be more than `ON_LAND`.
-    Layers and slopes of the land count as those of the stage do.
+    to `REACH`, or nearer if they would be more than `ON_LAND`. ``suits`` says where they may.
+    Those of the stage keep ``margin_m`` from its edge, and are mirrored at that distance from it.
     """
     x0, y0, x1, y1 = ground.extent_m
-    low_m, span_m = np.array((x0, y0)), np.array((x1 - x0, y1 - y0))
+    edge_m = np.array(((x0, y0), (x1, y1)))
+    low_m = edge_m[0] + margin_m
+    span_m = edge_m[1] - margin_m - low_m
     shift_m = JITTER * float(np.sqrt(span_m.prod() / max(len(xy_m), 1)))
     places, likes, distances, turns = [], [], [], []
     share = (xy_m - low_m) / span_m
     for tile in _tiles(span_m, xy_m, sizes_m):
         mirrored_m = low_m + (tile + np.where(tile % 2, 1 - share, share)) * span_m
         mirrored_m = mirrored_m + rng.normal(scale=shift_m, size=xy_m.shape)
-        beyond_m = np.maximum(np.maximum(low_m - mirrored_m, mirrored_m - low_m - span_m), 0)
+        beyond_m = np.maximum(np.maximum(edge_m[0] - mirrored_m, mirrored_m - edge_m[1]), 0)
         distance = np.hypot(*beyond_m.T) / sizes_m
         # Those below any number are spread as if that number were the reach.
         turn = distance / np.maximum(1 - rng.uniform(size=len(distance)), 1e-9)
@@ -88,9 +112,9 @@ def places_beyond(
         distances.append(distance[stands])
         turns.append(turn[stands])
     found = PlacesBeyond(np.concatenate(places), np.concatenate(likes), np.concatenate(distances))
-    suits = _suits(group, xy_m, found, ground, material, rng)
-    first = np.argsort(np.where(suits, np.concatenate(turns), np.inf), kind="stable")
-    chosen = np.sort(first[: min(ON_LAND, int(suits.sum()))])
+    may = suits(found)
+    first = np.argsort(np.where(may, np.concatenate(turns), np.inf), kind="stable")
+    chosen = np.sort(first[: min(ON_LAND, int(may.sum()))])
     return PlacesBeyond(found.xy_m[chosen], found.like[chosen], found.distance[chosen])
 
 

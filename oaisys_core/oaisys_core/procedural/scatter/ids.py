@@ -30,7 +30,7 @@ FAR = 2**20
 FIRST_ADDED_ID = 2**30
 
 ON_LAND = 1000
-"""Number of ids of a group for what stands on the land around the stage."""
+"""Number of ids of a group, or of rocks of a kind, for what lies on the land around the stage."""
 
 
 class IdBlock(NamedTuple):
@@ -92,13 +92,28 @@ def land_blocks(groups: Sequence[IdBlock]) -> list[IdBlock]:
     return blocks
 
 
+def rock_land_blocks(rocks: IdBlock, count: int, kinds: int) -> list[IdBlock]:
+    """Return the blocks of what rocks of each kind have on the land: the last ones of the rocks'.
+
+    Where the ``count`` rocks of the stage need these, they are the last ones of the overflow block.
+    """
+    end = rocks.first + rocks.size
+    if count + kinds * ON_LAND > rocks.size:
+        end = (rocks.far_first // FAR + 1) * FAR
+    firsts = [end - number * ON_LAND for number in range(1, kinds + 1)]
+    return [IdBlock(first, ON_LAND, first + ON_LAND) for first in firsts]
+
+
 class InstanceIdPlan:
     """Assigns instance ids to everything in a configuration, whatever the numbers drawn."""
 
     def __init__(self, config: AssetsConfig) -> None:
         most = sum(group.count[1] for group in config.rocks) + len(config.primitives)
-        self.rocks = rock_block(most)
-        self.groups = group_blocks(self.rocks, [group.count[1] for group in config.groups])
+        rocks = rock_block(most)
+        self.rock_land = rock_land_blocks(rocks, most, len(config.rocks))
+        lowest = min((each.first for each in self.rock_land), default=FAR)
+        self.rocks = rocks._replace(size=min(rocks.size, lowest - rocks.first))
+        self.groups = group_blocks(rocks, [group.count[1] for group in config.groups])
         self.land = land_blocks(self.groups)
         self._fixed = (
             range(FIRST_OBJECT_ID, FIRST_OBJECT_ID + len(config.objects)),
@@ -110,11 +125,12 @@ class InstanceIdPlan:
         for ids, kind in zip(self._fixed, ("object", "mover"), strict=True):
             if instance_id in ids:
                 return kind
-        return "rock" if self.rocks.holds(instance_id) else "group"
+        rocks = (self.rocks, *self.rock_land)
+        return "rock" if any(block.holds(instance_id) for block in rocks) else "group"
 
     def knows(self, instance_id: int) -> bool:
         """Return whether a batch of this configuration may use this id."""
-        blocks = (self.rocks, *self.groups, *self.land)
+        blocks = (self.rocks, *self.rock_land, *self.groups, *self.land)
         in_blocks = any(block.holds(instance_id) for block in blocks)
         return in_blocks or any(instance_id in ids for ids in self._fixed)
 

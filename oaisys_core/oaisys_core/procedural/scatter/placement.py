@@ -96,7 +96,7 @@ def scatter_on(
     """
     sizes_m = np.sort(sizes_m)[::-1]
     density = np.clip(0.5 + 0.5 * clumping * _patches(ground, rng), 0.05, 1)
-    margin_m = float(sizes_m[0]) if len(sizes_m) else 0.0
+    margin_m = rim_m(ground, sizes_m)
 
     def draw(count: int, sources: FloatArray) -> FloatArray:
         """Return up to (count, 2) places that the ground, patches and preference allow."""
@@ -123,7 +123,7 @@ def scatter_on(
             drawn = draw(missing, sources)
             xy = _keep_apart(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
-    return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
+    return poses_on(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
 
 
 def _beside(
@@ -152,12 +152,17 @@ def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
     return np.asarray(field[row, column])
 
 
+def rim_m(ground: Ground, sizes_m: FloatArray) -> float:
+    """Return how far from the rim of a ground things of (N,) sizes lie, if there is room."""
+    x0, y0, x1, y1 = ground.extent_m
+    return min(float(sizes_m.max(initial=0.0)), (x1 - x0) / 4, (y1 - y0) / 4)
+
+
 def random_places(
     ground: Ground, count: int, margin_m: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return (count, 2) positions on the ground, ``margin_m`` from its rim if there is room."""
+    """Return (count, 2) positions on the ground, ``margin_m`` from its rim."""
     x0, y0, x1, y1 = ground.extent_m
-    margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
     low = (x0 + margin_m, y0 + margin_m)
     high = (x1 - margin_m, y1 - margin_m)
     return np.asarray(rng.uniform(low, high, (count, 2)))
@@ -178,15 +183,16 @@ def _keep_apart(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> Floa
     return np.asarray(xy[first_come(len(xy), pairs)])
 
 
-def _poses(
+def poses_on(
     ground: Ground,
     xy: FloatArray,
     sizes_m: FloatArray,
     rng: np.random.Generator,
     sink: tuple[float, float],
-    max_tilt_deg: float,
-    height_share: float,
+    max_tilt_deg: float = 18.0,
+    height_share: float = 0.6,
 ) -> FloatArray:
+    """Return (N, 4, 4) poses with scale of things at (N, 2) places; see `scatter_on`."""
     from scipy.spatial.transform import Rotation
 
     count = len(xy)

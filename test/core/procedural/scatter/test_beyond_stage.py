@@ -10,7 +10,7 @@ from oaisys_core.procedural.scatter.beyond_stage import (
     REACH,
     PlacesBeyond,
     goes_beyond,
-    places_beyond,
+    plant_places_beyond,
 )
 from oaisys_core.procedural.scatter.ids import ON_LAND
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
@@ -42,7 +42,7 @@ def found(count: int, size_m: float, seed: int = 1, **keys: object) -> PlacesBey
     rng = np.random.default_rng(seed)
     xy_m = rng.uniform(-EDGE_M / 2, EDGE_M / 2, (count, 2))
     sizes_m = np.full(count, size_m)
-    return places_beyond(group(size_m=(0.1, 30), **keys), xy_m, sizes_m, GROUND, None, rng)
+    return plant_places_beyond(group(size_m=(0.1, 30), **keys), xy_m, sizes_m, GROUND, None, rng)
 
 
 def from_edge_m(xy_m: FloatArray) -> FloatArray:
@@ -112,4 +112,5 @@ def test_who_goes_beyond() -> None:
     assert not goes_beyond(group(size_m=(0.2, 0.9)))
     assert goes_beyond(group(size_m=(0.2, 0.9), beyond_stage=True))
     assert not goes_beyond(group(size_m=(4, 9), beyond_stage=False))
-    assert not goes_beyond(group(shape="boulder", size_m=(4, 9)))
+    assert goes_beyond(group(shape="boulder", size_m=(0.2, 0.9)))
+    assert not goes_beyond(group(shape="rover", size_m=(4, 9)))

@@ -90,10 +90,13 @@ def test_samples_are_a_range(render: dict[str, Any], bounds: tuple[int, int]) ->
         ({"quality": "preview"}, 6),
         ({"quality": "preview", "samples": 1}, 0),
         ({"quality": "preview", "max_samples": 1}, 0),
-        ({"quality": "standard"}, 0),
+        ({"quality": "standard"}, 6),
+        ({"quality": "standard", "samples": 3}, 0),
+        ({"quality": "high"}, 6),
+        ({"quality": "final"}, 0),
     ],
 )
-def test_small_previews_have_more_samples_unless_told(render: dict[str, Any], samples: int) -> None:
+def test_small_images_have_more_samples_unless_told(render: dict[str, Any], samples: int) -> None:
     sim, backend = simulation(**render)
     of_sample(sim)
     assert backend.settings.small_samples == samples

@@ -1,4 +1,4 @@
-"""Draws the plants on the land around a stage."""
+"""Draws the plants and rocks on the land around a stage."""
 
 from __future__ import annotations
 
@@ -8,15 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
+from oaisys_core.config.sections.assets import RockGroupConfig
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.meshes.thinning import thin_out
-from oaisys_core.procedural.scatter.beyond_stage import places_beyond
+from oaisys_core.procedural.scatter.beyond_stage import (
+    PlacesBeyond,
+    places_beyond,
+    plant_places_beyond,
+)
 from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.groups import poses_at
 from oaisys_core.procedural.scatter.ids import IdBlock
+from oaisys_core.procedural.scatter.placement import poses_on, rim_m, slope_deg
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.scene import MeshPrototype, Placement, TerrainMaterial
 from oaisys_core.types import FloatArray
+from oaisys_core.world.modules.assets.rocks import height_share
 
 NEAR = 6.0
 """Distance from the stage, in units of a plant's size, from which plants are thinned out."""
@@ -25,8 +32,8 @@ FAR_TRIANGLES = 8_000
 """About the largest number of triangles of a plant that is thinned out."""
 
 
-class PlantsOfStage(NamedTuple):
-    """The plants of a group that stand on the stage.
+class ThingsOnStage(NamedTuple):
+    """The plants of a group, or rocks of a kind, that stand on the stage.
 
     Attributes:
         shapes: Their prototypes.
@@ -43,7 +50,7 @@ class PlantsOfStage(NamedTuple):
 
 def plants_beyond(
     group: GroupConfig,
-    plants: PlantsOfStage,
+    plants: ThingsOnStage,
     ids: IdBlock,
     ground: GroundAround,
     material: TerrainMaterial | None,
@@ -57,7 +64,7 @@ def plants_beyond(
     """
     T_map_object, shape_of = plants.T_map_object, plants.shape_of
     sizes_m = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
-    found = places_beyond(
+    found = plant_places_beyond(
         group, T_map_object[:, :2, 3], sizes_m, ground, material, randomness.child(rng, "places")
     )
     shape_of, sizes_m = shape_of[found.like], sizes_m[found.like]
@@ -84,3 +91,41 @@ def plants_beyond(
                 )
             )
     return prototypes, placements
+
+
+def rocks_beyond(
+    group: RockGroupConfig,
+    rocks: ThingsOnStage,
+    ids: IdBlock,
+    ground: GroundAround,
+    rng: np.random.Generator,
+) -> list[Placement]:
+    """Return rocks on the land like those of a stage, wherever it is not too steep."""
+    sizes_m = np.linalg.norm(rocks.T_map_object[:, :3, 0], axis=1)
+
+    def is_gentle(found: PlacesBeyond) -> NDArray[np.bool_]:
+        return np.asarray(slope_deg(ground, found.xy_m) <= group.max_slope_deg)
+
+    places = randomness.child(rng, "places")
+    xy_m, margin_m = rocks.T_map_object[:, :2, 3], rim_m(ground, sizes_m)
+    found = places_beyond(xy_m, sizes_m, ground, places, is_gentle, margin_m)
+    shape_of = rocks.shape_of[found.like]
+    poses = poses_on(
+        ground,
+        found.xy_m,
+        sizes_m[found.like],
+        randomness.child(rng, "turns"),
+        group.sink,
+        height_share=height_share(rocks.shapes),
+    )
+    numbers = ids.ids(len(poses))
+    return [
+        Placement(
+            rocks.first + variant,
+            group.semantic_ids,
+            poses[shape_of == variant],
+            numbers[shape_of == variant],
+            on_land=True,
+        )
+        for variant in np.unique(shape_of).tolist()
+    ]

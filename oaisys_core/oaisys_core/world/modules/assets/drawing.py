@@ -34,7 +34,7 @@ from oaisys_core.scene import (
 )
 from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray, Georeference, GroupCount, Pose
-from oaisys_core.world.modules.assets.beyond import PlantsOfStage, plants_beyond
+from oaisys_core.world.modules.assets.beyond import ThingsOnStage, plants_beyond, rocks_beyond
 from oaisys_core.world.modules.assets.metadata import AssetMetadata
 from oaisys_core.world.modules.assets.movers import Mover, scale_pose
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
@@ -176,7 +176,14 @@ class AssetGenerator:
             if number > MAX_INSTANCES:
                 expected = f"at most {MAX_INSTANCES} in all groups together"
                 raise InvalidInputError("assets.rocks", f"{number} rocks", expected)
+            on_stage = ThingsOnStage(shapes, len(self._prototypes), T_map_object, shape_of)
             self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids)
+            if self._site.land is None or not group.beyond_stage:
+                continue
+            around = GroundAround(self._site.ground, self._site.land)
+            rng = randomness.child(self._rng, f"rocks/{index}/beyond")
+            placements = rocks_beyond(group, on_stage, self._plan.rock_land[index], around, rng)
+            self._placements.extend(AssetPlacement(each) for each in placements)
         return number
 
     def _draw_group(
@@ -195,7 +202,7 @@ class AssetGenerator:
         ids = block.ids(len(T_map_object))
         self._counts.append(GroupCount(group.name, count, len(ids)))
         self._first[group.name] = len(self._prototypes)
-        plants = PlantsOfStage(shapes, len(self._prototypes), T_map_object, shape_of)
+        plants = ThingsOnStage(shapes, len(self._prototypes), T_map_object, shape_of)
         self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids, group)
         if site.land is None or not goes_beyond(group) or not len(ids):
             return
@@ -205,7 +212,7 @@ class AssetGenerator:
     def _place_beyond(
         self,
         group: GroupConfig,
-        plants: PlantsOfStage,
+        plants: ThingsOnStage,
         ids: IdBlock,
         around: GroundAround,
         rng: np.random.Generator,

@@ -178,7 +178,9 @@ class AssetsModule(Module):
 
     def _land(self, world: World) -> FarGround | None:
         """Return the land around the stage; None if there is none, or nothing stands on it."""
-        if not (world.is_in_land and any(map(goes_beyond, self._config.groups))):
+        goes = any(map(goes_beyond, self._config.groups))
+        goes |= any(rocks.beyond_stage for rocks in self._config.rocks)
+        if not (world.is_in_land and goes):
             return None
         world.far_ground = world.surroundings.around(require(world.ground), world.far_ground)
         return world.far_ground

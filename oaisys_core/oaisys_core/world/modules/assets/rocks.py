@@ -67,6 +67,11 @@ def rock_poses(
         max_slope_deg=group.max_slope_deg,
         fragments=fragment_share(group.kind),
         preference=family_density(group.kind, ground),
-        height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
+        height_share=height_share(shapes),
     )
     return T_map_object
+
+
+def height_share(shapes: list[MeshPrototype]) -> float:
+    """Return the mean height of rocks above their origin, relative to their longest axis."""
+    return float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes]))
