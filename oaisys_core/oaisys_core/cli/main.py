@@ -25,7 +25,12 @@ from typer.core import TyperGroup
 from oaisys_core.cli.help_texts import add_examples, epilog_of, group_names
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.files.folders import user_path
-from oaisys_core.system.ending.signals import end_at_signal, interrupt_at_signals, work_in_child
+from oaisys_core.system.ending.signals import (
+    end_at_signal,
+    ignore_signals,
+    interrupt_at_signals,
+    work_in_child,
+)
 from oaisys_core.system.shortages import shortage
 from oaisys_core.system.standard_streams import printable
 
@@ -248,6 +253,8 @@ def run_program() -> NoReturn:
         # Commands whose end is a signal, such as `view`, have ended well.
         if received and not (isinstance(end, SystemExit) and not end.code):
             end_at_signal(received[0])
+        if received:
+            ignore_signals()
         raise
     sys.exit(0)
 

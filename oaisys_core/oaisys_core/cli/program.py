@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from oaisys_core.errors import ShortageError
-from oaisys_core.system.ending.owner import follow_owner
 from oaisys_core.system.ending.signals import exit_at_signals
-from oaisys_core.system.shortages import check_address_space
-from oaisys_core.system.standard_streams import open_standard_streams
 
 
 def main() -> None:
     """Run the command line and exit, see `oaisys_core.cli.main`."""
     exit_at_signals()
+    from oaisys_core.errors import ShortageError
+    from oaisys_core.system.ending.owner import follow_owner
+    from oaisys_core.system.shortages import check_address_space
+    from oaisys_core.system.standard_streams import open_standard_streams
+
     follow_owner()
     open_standard_streams()
     try:

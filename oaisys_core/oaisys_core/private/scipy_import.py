@@ -16,7 +16,6 @@ from __future__ import annotations
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
-from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from importlib.util import spec_from_file_location
 from types import ModuleType
@@ -49,7 +48,7 @@ class KeptDocstring:
         return f"\n{self._text}"
 
 
-class SciPyGuard(MetaPathFinder):
+class SciPyGuard:
     """An import hook that finds `PARSER` alone."""
 
     def find_spec(

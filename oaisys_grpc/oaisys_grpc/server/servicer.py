@@ -153,12 +153,13 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self, request: pb.RenderSampleRequest, context: Context
     ) -> Iterator[pb.RenderSampleResponse]:
         """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
-        operation = self._operations.submit(sample_job(request, remaining_s(context), context))
-        for event in self._render(operation, self._grant(request), _gone(context)):
-            if isinstance(event, OperationStatus):
-                yield pb.RenderSampleResponse(operation=self._status(operation, event))
-            else:
-                yield pb.RenderSampleResponse(part=event)
+        job = sample_job(request, remaining_s(context), context)
+        with self._operations.follow(job) as operation:
+            for event in self._render(operation, self._grant(request), _gone(context)):
+                if isinstance(event, OperationStatus):
+                    yield pb.RenderSampleResponse(operation=self._status(operation, event))
+                else:
+                    yield pb.RenderSampleResponse(part=event)
 
     def SetTrajectory(
         self, request: pb.SetTrajectoryRequest, context: Context
@@ -179,8 +180,9 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             return self._ask_worker(method, step, context).content
 
         def render(step: pb.DriveStep) -> Iterator[pb.SamplePart | OperationStatus]:
-            operation = self._operations.submit(drive_job(step, remaining_s(context), context))
-            return self._render(operation, transfer, gone)
+            job = drive_job(step, remaining_s(context), context)
+            with self._operations.follow(job) as operation:
+                yield from self._render(operation, transfer, gone)
 
         work = DriveWork(ask, render, gone)
         yield from DriveJobs(request, self._trajectories.get(request.trajectory), work).events()
@@ -245,18 +247,19 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     ) -> Iterator[pb.SamplePart | OperationStatus]:
         """Yield the parts of a sample as soon as they are ready, and its status until its end.
 
+        The operation must be followed.
+
         Raises:
             OaisysError: The operation failed.
         """
         is_complete = False
-        with operation.follow():
-            for event in operation.events(gone, STATUS_PATIENCE_S):
-                if isinstance(event, SampleMessages):
-                    yield from sample_to_parts(event, transfer)
-                    is_complete = event.end is not None
-                elif not event.state.is_final:
-                    yield event
-            status = operation.status
+        for event in operation.events(gone, STATUS_PATIENCE_S):
+            if isinstance(event, SampleMessages):
+                yield from sample_to_parts(event, transfer)
+                is_complete = event.end is not None
+            elif not event.state.is_final:
+                yield event
+        status = operation.status
         if status.error is not None:
             raise status.error
         if status.state is State.SUCCEEDED and not is_complete:  # an earlier request made it
@@ -272,8 +275,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         """Enqueue a question, wait, and return the worker's answer."""
         content = request.SerializeToString()
         job = Job(None, method, content, remaining_s(context), peer=name_of(context))
-        operation = self._operations.submit(job)
-        with operation.follow():
+        with self._operations.follow(job) as operation:
             for _ in operation.changes(_gone(context)):
                 pass
         status = operation.status

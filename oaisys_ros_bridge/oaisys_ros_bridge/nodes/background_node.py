@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -68,7 +69,14 @@ class BackgroundNode:
         if self._thread.is_alive():
             self._thread.join(timeout=CLOSE_TIMEOUT_S)
         self._executor.shutdown(timeout_sec=CLOSE_TIMEOUT_S)
+        # A program that a signal ends leaves no time to what would destroy these in the end. The
+        # node itself does not destroy its clients of actions.
+        for each in list(self.node.waitables):
+            if isinstance(each, ActionClient):
+                each.destroy()
+        self.node.destroy_node()
         rclpy.try_shutdown()
+        self.node.context.destroy()
 
     def __enter__(self) -> Self:
         """Return itself."""

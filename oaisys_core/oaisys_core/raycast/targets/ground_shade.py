@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from oaisys_core.raycast.targets.ray_target import RayCone
 from oaisys_core.scene import HeightField
@@ -160,6 +159,8 @@ def _sweep_ahead(hiding_m: FloatArray, shear: float, turn_rad: float, rise_m: fl
 
     ``shear`` is how many columns they pass on each row, at most 1.
     """
+    from scipy.ndimage import maximum_filter1d
+
     rows, columns = hiding_m.shape
     if not np.isfinite(hiding_m).any():
         return np.full(hiding_m.shape, -np.inf)

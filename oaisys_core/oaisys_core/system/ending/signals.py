@@ -52,6 +52,11 @@ def interrupt_at_signals() -> list[int]:
     return RECEIVED
 
 
+def ignore_signals() -> None:
+    """Ignore further signals in a program that ends, which as it is would be killed by them."""
+    _handle(signal.SIG_IGN)
+
+
 def end_at_signal(number: int) -> NoReturn:
     """Exit as a program that was ended by a signal, whatever threads or libraries still do."""
     with suppress(OSError, ValueError):

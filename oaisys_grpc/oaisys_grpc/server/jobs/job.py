@@ -182,11 +182,14 @@ class Operation:
             if isinstance(event, OperationStatus):
                 yield event
 
-    @contextlib.contextmanager
-    def follow(self) -> Iterator[None]:
-        """Keep the sample for this caller; cancel the operation when its last caller leaves."""
+    def add_follower(self) -> None:
+        """Keep the sample for one caller more, who must then use `leave_at_end`."""
         with self._changed:
             self._followers += 1
+
+    @contextlib.contextmanager
+    def leave_at_end(self) -> Iterator[None]:
+        """Take a caller back after the block; cancel the operation when its last caller leaves."""
         try:
             yield
         finally:

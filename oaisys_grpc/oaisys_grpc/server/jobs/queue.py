@@ -12,7 +12,7 @@ import secrets
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from oaisys_core.errors import (
@@ -113,10 +113,22 @@ class OperationQueue:
         for operation in open_operations:
             operation.stop(error)
 
-    def submit(self, job: Job) -> Operation:
+    @contextlib.contextmanager
+    def follow(self, job: Job) -> Iterator[Operation]:
+        """Enqueue a job as `submit` does; keep its sample until the block ends, see `Operation`."""
+        # It may end, and others push its sample out of the store, before its caller asks.
+        operation = self.submit(job, is_followed=True)
+        with operation.leave_at_end():
+            yield operation
+
+    def submit(self, job: Job, *, is_followed: bool = False) -> Operation:
         """Enqueue a job; a repeated request gets its earlier operation, whoever repeats it.
 
         If that operation failed or was cancelled, the job is enqueued again.
+
+        Args:
+            job: The job.
+            is_followed: Whether the caller follows the operation, see `follow`.
 
         Raises:
             QueueFullError: Too many wait.
@@ -125,6 +137,8 @@ class OperationQueue:
         with self._lock:
             for before in self._by_request.get(job.request_id, ()):
                 if _is_repeated(before, job):
+                    if is_followed:
+                        before.add_follower()
                     return before
             if self._closed or self._ending.is_set():
                 raise ServerUnavailableError("the simulator is being ended")
@@ -134,6 +148,8 @@ class OperationQueue:
             displaced = self._make_room(ahead, job)
             overtaken = self._remove_samples() if is_batch else []
             operation = self._record(job)
+            if is_followed:
+                operation.add_follower()
             self._waiting.append(operation)
             self._lock.notify_all()
         for sample in overtaken:

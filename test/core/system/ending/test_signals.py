@@ -152,6 +152,30 @@ def test_a_signal_before_the_work_begins_is_an_exit_code(start: Callable[..., Co
             assert process.wait(PATIENCE_S) == 128 + number
 
 
+def test_a_second_signal_does_not_kill_a_program_that_ends_well() -> None:
+    """Python restores the signals' defaults before it runs what is left to do at its exit."""
+    code = "import sys, threading, time; "
+    code += "from oaisys_core.system.ending.signals import ignore_signals; ignore_signals(); "
+    code += "threading.Thread(target=lambda: (time.sleep(0.3), print(flush=True), "
+    code += "time.sleep(1))).start(); sys.exit(0)"
+    for number in ENDINGS:
+        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            process.send_signal(number)
+            assert process.wait(PATIENCE_S) == 0
+
+
+def test_signals_are_settled_before_anything_slow_is_imported() -> None:
+    code = "import sys; before = set(sys.modules); import oaisys_core.cli.program; "
+    code += "print(*sorted(set(sys.modules) - before))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = found.stdout.split()
+    assert "oaisys_core.system.ending.signals" in loaded
+    slow = {"importlib.resources", "tempfile", "ctypes.util", "subprocess", "typer", "numpy"}
+    assert not slow & set(loaded)
+
+
 @pytest.mark.long
 def test_a_data_set_ends_at_a_signal_while_ray_starts_and_while_it_renders(
     start: Callable[..., Command], config: Path, tmp_path: Path

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import grpc
@@ -26,6 +27,7 @@ from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.faults import OvertakenError
 from oaisys_grpc.contract.metadata_bounds import MAX_METADATA_BYTES
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
+from oaisys_grpc.contract.sample_messages import SampleMessages
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.job import MAX_SAMPLES, Job, Operation
@@ -296,6 +298,32 @@ def test_a_call_that_is_dropped_before_its_answer_leaves_no_work(method: str) ->
     finally:
         server.stop(None).wait()
     assert operations.get(kept.name).status.state is State.QUEUED
+
+
+def test_a_sample_is_whole_for_its_caller_however_late_that_looks() -> None:
+    """Its operation may end, and others fill the store, before the caller's thread goes on."""
+    options = ServerOptions(worker_log_folder=None)
+    supervisor = Supervisor(config_from_mapping(FLAT_WORLD), options, lambda _: None)
+    operations = OperationQueue(supervisor)  # whose jobs nobody runs
+
+    def end(operation: Operation, sample_id: int) -> None:
+        whole = SampleMessages(
+            pb.SampleHeader(batch_id=1, sample_id=sample_id), [], pb.SampleEnd(render_time_s=1.0)
+        )
+        assert operation.complete(whole, keep=operations.samples.add)
+
+    job = Job(Kind.SAMPLE, "step", b"", PATIENCE_S, request_id="twice")
+    with operations.follow(job) as operation:
+        end(operation, 1)
+        for sample_id in range(2, 2 + MAX_SAMPLES):
+            end(operations.submit(Job(Kind.SAMPLE, "step", b"", PATIENCE_S)), sample_id)
+        with pytest.raises(NotFoundError):
+            operations.samples.get(1, 1)
+        with operations.follow(job) as repeated:
+            assert repeated is operation
+        found = [each for each in operation.events(Event()) if isinstance(each, SampleMessages)]
+        assert [(each.sample_id, each.end is not None) for each in found] == [(1, True)]
+    assert not [each for each in operation.events(Event()) if isinstance(each, SampleMessages)]
 
 
 def test_a_view_waits_for_one_batch_of_each_other_connection() -> None:
