@@ -11,7 +11,10 @@
     failed/world_000013.json    why a world could not be made
 """
 
-from __future__ import annotations
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:  # as in `python -m oaisys_dataset`
+    del sys.path[0]  # the current folder, whose files nothing may import
 
 from typing import TYPE_CHECKING, Any
 

@@ -18,9 +18,10 @@ PLANTED = (
     *("oaisys_msgs", "rclpy", "trimesh", "PIL", "cv2", "bpy", "statistics", "colorsys", "ray"),
 )
 TRAP = "import pathlib\npathlib.Path(__file__).with_suffix('.run').touch()\nraise SystemExit(77)\n"
-PACKAGES = (
-    *("oaisys_core", "oaisys_dataset", "oaisys_grpc", "oaisys_gym", "oaisys_mapping"),
-    "oaisys_ros_bridge",
+PACKAGES = sorted(
+    file.parent.name
+    for file in REPOSITORY.glob("*/*/__init__.py")
+    if file.parent.name == file.parents[1].name
 )
 STARTS = re.compile(r'sys\.executable, "-m"|python, "-m"')
 
@@ -62,6 +63,21 @@ def test_commands_import_nothing_from_the_current_folder(trap: Path, command: li
 def test_a_module_started_by_hand_imports_nothing_from_there(trap: Path, module: str) -> None:
     ended = run([*BY_HAND, module], trap)
     assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_package_imports_a_standard_module_from_there(tmp_path: Path, package: str) -> None:
+    """`typing` was imported before the current folder had left the path."""
+    empty = tmp_path / "nothing"
+    (empty / "nothing").mkdir(parents=True)
+    (empty / "nothing/__init__.py").write_text("import sys\nprint(*sys.modules)\n")
+    found = subprocess.run(
+        [*BY_HAND, "nothing"], cwd=empty, capture_output=True, text=True, timeout=60, check=False
+    )
+    # What Python imports by itself, before the package, is beyond it.
+    for name in sys.stdlib_module_names - set(found.stdout.split()):
+        (tmp_path / f"{name}.py").write_text(TRAP)
+    run([*BY_HAND, package], tmp_path)
 
 
 def test_an_empty_entry_of_pythonpath_is_dropped() -> None:
