@@ -101,7 +101,7 @@ def time_faults(record: FrameRecord, s_per_view: float) -> Iterator[Finding]:
     """Yield how a frame's time differs from that of its view."""
     expected_s = record.view * s_per_view
     if not isclose(record.stamp_s, expected_s, abs_tol=1e-9, rel_tol=1e-12):
-        text = f"stamp_s is {record.stamp_s:g}, expected {expected_s:g}"
+        text = f"stamp_s is {record.stamp_s}, expected {expected_s}"
         yield Finding("camera", record.frame_id, text)
 
 

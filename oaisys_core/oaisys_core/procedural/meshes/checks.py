@@ -44,7 +44,7 @@ def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, f
         index = int(np.argmax(bad))
         line = line_of_bad_vertex(path)
         where = f"vertex {index}" if line is None else f"line {line}"
-        numbers = ", ".join(f"{value:g}" for value in vertices[index])
+        numbers = ", ".join(f"{value:.12g}" for value in vertices[index])
         expected = f"finite coordinates of at most {MAX_COORDINATE:g}, not ({numbers}) in {where}"
         raise InvalidInputError(field, str(path), expected)
     if triangles.min() < 0 or triangles.max() >= len(vertices):

@@ -131,7 +131,7 @@ def _check_range(height_m: FloatArray, field: str) -> None:
     highest_m = float(np.abs(height_m).max())
     if not highest_m <= MAX_M:  # not finite either
         expected = f"heights of at most {MAX_M:g} m"
-        raise InvalidInputError(f"{field}.file", f"a height of {highest_m:g} m", expected)
+        raise InvalidInputError(f"{field}.file", f"a height of {highest_m:.12g} m", expected)
 
 
 def write_dem(path: Path, ground: HeightField) -> None:

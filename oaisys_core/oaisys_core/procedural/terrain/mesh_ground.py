@@ -86,15 +86,14 @@ def mesh_ground(
     exact_m = turned * scale + np.asarray(position_m)
     farthest_m = float(np.abs(exact_m).max())
     if not farthest_m <= MAX_COORDINATE:
-        raise InvalidInputError(
-            "stage.mesh.scale", scale, f"a ground within {MAX_COORDINATE:g} m, not {farthest_m:g} m"
-        )
+        expected = f"a ground within {MAX_COORDINATE:.0f} m, not {farthest_m:.12g} m"
+        raise InvalidInputError("stage.mesh.scale", scale, expected)
     origin_m = local_origin(exact_m)
     if origin_m.any():
         LOG.warning(
             "%s: lies far from the origin, so the map's origin is at [%s] of its coordinates",
             mesh.name,
-            ", ".join(f"{value:g}" for value in origin_m),
+            ", ".join(f"{value:.0f}" for value in origin_m),
         )
     points_m = (exact_m - origin_m).astype(np.float32)
     x, y, z = origin_m.tolist()

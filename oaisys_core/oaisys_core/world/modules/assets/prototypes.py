@@ -159,7 +159,7 @@ def _near_origin(mesh: LoadedMesh, path: Path, anchor: Anchor) -> NDArray[np.flo
         LOG.warning(
             "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
             path,
-            ", ".join(f"{value:g}" for value in origin),
+            ", ".join(f"{value:.0f}" for value in origin),
         )
     return np.asarray(mesh.vertices_m - origin, np.float32)
 
