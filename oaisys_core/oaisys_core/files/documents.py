@@ -30,10 +30,36 @@ MAX_DEPTH = 64
 LONGEST_NUMBER = 400
 """Characters of a number or a date in YAML; reading longer ones takes time with their square."""
 
+_OF_TAGS = (LookupError, AttributeError, TypeError, ValueError, OverflowError)
+"""What PyYAML raises for texts that their tags do not fit."""
+
 _NUMBERS = tuple(f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "timestamp"))
 
-_OTHER_BASES = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-9]+)+(\.[0-9_]*)?)")
-"""Numbers with base 8 or 60 in YAML 1.1, which are others, or text, in YAML 1.2."""
+_READ_DIFFERENTLY = re.compile(
+    r"""[-+]?(
+        0[0-9]+ | 0[0-7_]+                                    # base 8, or no number, in YAML 1.1
+      | 0b[01_]+                                              # base 2 in 1.1 alone
+      | [1-9][0-9_]*(:[0-5]?[0-9])+                           # base 60 in 1.1 alone
+      | [0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]*
+      | (?=[^_]*_)([1-9][0-9_]* | 0x[0-9a-fA-F_]+)            # groups of digits in 1.1 alone
+      | (?=[^_]*_)[0-9][0-9_]*\.[0-9_]*([eE][-+][0-9]+)?
+    ) | (?=[^_]*_)\.[0-9][0-9_]*([eE][-+][0-9]+)?
+      | [-+]0x[0-9a-fA-F]+                                    # signs of base 16 in 1.1 alone
+      | 0o[0-7]+                                              # base 8 in 1.2 alone""",
+    re.VERBOSE,
+)
+"""Numbers of YAML 1.1 or of the core schema of YAML 1.2 that are another, or text, in the other.
+
+Not ``1e3`` and ``-.5``, text in YAML 1.1: where a number is expected, both versions give it.
+"""
+
+_WIDE = {
+    codecs.BOM_UTF32_LE: "UTF-32",  # begins like UTF-16
+    codecs.BOM_UTF32_BE: "UTF-32",
+    codecs.BOM_UTF16_LE: "UTF-16",
+    codecs.BOM_UTF16_BE: "UTF-16",
+}
+"""Encodings by the mark that a file begins with, longer marks first."""
 
 
 class DocumentError(ValueError):
@@ -51,10 +77,16 @@ def read_text(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            raise DocumentError("it is text in UTF-16, expected UTF-8: save it as that") from None
+        if (name := wide_encoding(data)) is not None:
+            text = f"it is text in {name}, expected UTF-8: save it as that"
+            raise DocumentError(text) from None
         found = f"byte 0x{data[error.start]:02x} at position {error.start}"
         raise DocumentError(f"it is not text in UTF-8: {found}") from None
+
+
+def wide_encoding(data: bytes) -> str | None:
+    """Return the encoding whose mark a text begins with: UTF-16, UTF-32, or None of them."""
+    return next((name for mark, name in _WIDE.items() if data.startswith(mark)), None)
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
@@ -193,8 +225,9 @@ def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
     if len(text) > MAX_TEXT_BYTES:
         raise DocumentError(f"it has {len(text)} characters, more than {MAX_TEXT_BYTES}")
     loader_class = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    root = None
     try:
-        _check_nesting(yaml.parse(text, Loader=loader_class))
+        _check_events(yaml.parse(text, Loader=loader_class))
         root = yaml.compose(text, Loader=loader_class)
         if root is None:
             return None, None
@@ -202,15 +235,20 @@ def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
         _check_repeats(root)
         # Merge keys change the nodes, which the caller wants as they are in the file.
         data = yaml.load(text, Loader=loader_class)  # noqa: S506
-    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        raise error if isinstance(error, DocumentError) else DocumentError(str(error)) from error
-    except (LookupError, AttributeError, TypeError) as error:  # PyYAML's, of texts and their tags
+    except DocumentError:
+        raise
+    except (yaml.YAMLError, RecursionError) as error:
+        raise DocumentError(str(error)) from error
+    except _OF_TAGS as error:
         raise DocumentError(_misfit(root)) from error
     return data, root
 
 
-def _check_nesting(events: Iterator[yaml.Event]) -> None:
-    """Raise if collections are nested too deeply for the composer, which calls itself."""
+def _check_events(events: Iterator[yaml.Event]) -> None:
+    """Raise if collections are nested too deeply for the composer, which calls itself.
+
+    Raise also for a number that versions of YAML read differently.
+    """
     import yaml
 
     depth = 0
@@ -222,6 +260,13 @@ def _check_nesting(events: Iterator[yaml.Event]) -> None:
                 raise DocumentError(f"line {line} is nested more than {MAX_DEPTH} times")
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
+        elif isinstance(event, yaml.ScalarEvent) and _READ_DIFFERENTLY.fullmatch(event.value):
+            is_plain = event.implicit[0]  # neither in quotes nor with a tag
+            if is_plain or event.tag in _NUMBERS[:2]:
+                raise DocumentError(
+                    f"line {_line(event.start_mark)}: received {quote(event.value)}, which versions"
+                    " of YAML read differently, expected a number with base 10 or a text in quotes"
+                )
 
 
 def _check_expansion(root: yaml.Node) -> None:
@@ -240,11 +285,6 @@ def _check_expansion(root: yaml.Node) -> None:
         if isinstance(node, yaml.ScalarNode):
             if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
                 raise DocumentError(f"line {line}: a number of more than {LONGEST_NUMBER} digits")
-            if node.tag in _NUMBERS[:2] and _OTHER_BASES.fullmatch(node.value):
-                raise DocumentError(
-                    f"line {line}: received {quote(node.value)}, which versions of YAML read"
-                    " differently, expected a number with base 10 or a text in quotes"
-                )
             return 1, 0
         sizes[id(node)] = None
         children = [measure(child) for child in _children(node)]
@@ -291,10 +331,13 @@ def _misfit(root: yaml.Node | None) -> str:
             loader.construct_object(node)
         except yaml.YAMLError:
             continue
-        except (LookupError, AttributeError, TypeError):
+        except _OF_TAGS as error:
             tag = node.tag.replace("tag:yaml.org,2002:", "!!")
-            line = _line(node.start_mark)
-            return f"line {line}: received {quote(node.value)}, expected what {quote(tag)} may be"
+            expected = f"what {quote(tag)} may be"
+            if node.tag == _NUMBERS[2] and isinstance(error, ValueError):
+                expected = f"a date and time that exist ({error}), or a text in quotes"
+            received = f"line {_line(node.start_mark)}: received {quote(node.value)}"
+            return f"{received}, expected {expected}"
     return "a value is not what its tag says"
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from oaisys_core.cli.rendering.metadata_file import load_steps
 from oaisys_core.config import load_config
@@ -101,7 +104,13 @@ def test_a_key_that_stands_twice_in_json_is_refused() -> None:
         parse_json('{"a": [{"b": 1, "b": 1}]}')
 
 
-@pytest.mark.parametrize("number", ["010", "-07", "12:30", "1:30:00.5", "0_1"])
+@pytest.mark.parametrize(
+    "number",
+    [
+        *("010", "-07", "08", "0_1", "0b11", "0o17", "-0x1F", "0x1_F", "12:30", "1:30:00.5"),
+        *("1_000", "1_000.5", ".5_0"),
+    ],
+)
 def test_numbers_that_versions_of_yaml_read_differently_are_refused(number: str) -> None:
     with pytest.raises(DocumentError, match="line 1: received"):
         parse_yaml(f"seed: {number}\n")
@@ -109,8 +118,85 @@ def test_numbers_that_versions_of_yaml_read_differently_are_refused(number: str)
 
 
 def test_ordinary_numbers_are_read() -> None:
-    text = "[0, -1, 10, 0.5, 00.5, 0x10, 1_000, 1.5e+3]"
-    assert parse_yaml(text) == [0, -1, 10, 0.5, 0.5, 16, 1000, 1500.0]
+    text = "[0, -1, 10, 0.5, 00.5, 0x10, 1.5e+3]"
+    assert parse_yaml(text) == [0, -1, 10, 0.5, 0.5, 16, 1500.0]
+    texts = "[00:11:22, 10:99, 2026_a, _1, 09a, 0b2, 1.2.3, !!str 010]"
+    assert parse_yaml(texts) == texts.strip("[]").replace("!!str ", "").split(", ")
+
+
+def _number_of_yaml_1_2(text: str) -> object:
+    """Return what the core schema of YAML 1.2, 10.3.2, makes of a plain text."""
+    if re.fullmatch("[-+]?[0-9]+", text):
+        return int(text)
+    if re.fullmatch("0o[0-7]+|0x[0-9a-fA-F]+", text):
+        return int(text, 0)
+    is_float = re.fullmatch(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", text)
+    return float(text) if is_float else text
+
+
+def test_all_short_numbers_are_read_as_both_versions_of_yaml_do_or_refused() -> None:
+    """PyYAML itself reads YAML 1.1."""
+    for length in range(1, 5):
+        for letters in product("0178_:.-xboe", repeat=length):
+            text = "".join(letters)
+            if not is_plain_scalar(text):
+                continue
+            try:
+                found = parse_yaml(text)
+            except DocumentError:
+                leading_zeros = re.fullmatch("[-+]?0[0-7]+", text)
+                assert leading_zeros or yaml_1_1(text) != _number_of_yaml_1_2(text), text
+            else:
+                read = float(found) if _is_float_as_text(text, found) else found
+                assert read == _number_of_yaml_1_2(text), text
+
+
+def is_plain_scalar(text: str) -> bool:
+    try:
+        node = yaml.compose(text)
+    except yaml.YAMLError:
+        return False
+    return isinstance(node, yaml.ScalarNode) and node.value == text
+
+
+def yaml_1_1(text: str) -> object:
+    try:
+        return yaml.safe_load(text)
+    except ValueError:  # such as 0b_
+        return None
+
+
+def _is_float_as_text(text: str, found: object) -> bool:
+    """Return whether it is text as in YAML 1.1, which counts where a number is expected."""
+    return found == text and isinstance(_number_of_yaml_1_2(text), float)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: 1\nb: 2026-13-45T99:00:00+02:00\n", "line 2: received '2026-13-45T99:00:00+02:00'"),
+        ("- 2026-02-30\n", "line 1: received '2026-02-30', expected a date and time that exist"),
+        ("a: {2026-00-01: 1}\n", "line 1: received '2026-00-01'"),
+        ("2026-01-01T00:00:00+99:00", "line 1: received '2026-01-01T00:00:00+99:00'"),
+        ("\n- !!int abc\n", "line 2: received 'abc', expected what '!!int' may be"),
+        ("- !!float abc\n", "line 1: received 'abc', expected what '!!float' may be"),
+    ],
+)
+def test_a_date_or_number_that_there_is_not_is_refused_by_line_and_text(
+    text: str, told: str
+) -> None:
+    with pytest.raises(DocumentError) as refused:
+        parse_yaml(text)
+    assert told in str(refused.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "utf-32", "utf-32-be"])
+def test_an_encoding_that_is_not_read_is_named(tmp_path: Path, encoding: str) -> None:
+    mark = "" if encoding in ("utf-16", "utf-32") else "\ufeff"
+    file = tmp_path / "world.yaml"
+    file.write_bytes((mark + "seed: 3\n").encode(encoding))
+    with pytest.raises(DocumentError, match=f"in {encoding[:6].upper()}, expected UTF-8"):
+        read_text(file)
 
 
 def test_ordinary_aliases_and_merges_are_replaced() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from oaisys_core.errors import quote
+from oaisys_core.files.documents import wide_encoding
 from oaisys_core.procedural.meshes.obj_format.obj_statements import (
     file_name,
     logical_lines,
@@ -135,10 +136,10 @@ class MtlStatements:
         """Read a file's content; ``file`` names it in errors.
 
         Raises:
-            ValueError: It is in UTF-16.
+            ValueError: It is in UTF-16 or UTF-32.
         """
-        if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise ValueError(f"materials in UTF-8, not UTF-16: {file}")
+        if (encoding := wide_encoding(data)) is not None:
+            raise ValueError(f"materials in UTF-8, not {encoding}: {file}")
         self.file = file
         self.materials: dict[str, MtlMaterial] = {}
         self.repeated: dict[str, None] = {}

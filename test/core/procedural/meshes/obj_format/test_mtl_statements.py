@@ -188,9 +188,10 @@ def test_what_is_left_out_is_named(
     assert not caplog.records
 
 
-def test_utf_16_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match=r"UTF-8, not UTF-16: a\.mtl"):
-        load(tmp_path, "newmtl m\nKd 1 0 0\n".encode("utf-16"))
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-32"])
+def test_utf_16_is_refused(tmp_path: Path, encoding: str) -> None:
+    with pytest.raises(InvalidInputError, match=rf"UTF-8, not {encoding.upper()}: a\.mtl"):
+        load(tmp_path, "newmtl m\nKd 1 0 0\n".encode(encoding))
 
 
 def test_a_material_is_one_on_faces_without_coordinates(tmp_path: Path) -> None:
