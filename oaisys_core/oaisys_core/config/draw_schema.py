@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from oaisys_core.config.draws import CHOOSE, MOTION, RANGE, WEIGHTS, WORLD
+from oaisys_core.config.section import LEAST_WEIGHT, MOST_WEIGHT
 
 Schema = dict[str, Any]
 
+_WEIGHT = {"type": "number", "minimum": LEAST_WEIGHT, "maximum": MOST_WEIGHT}
 _OPTIONS = {"type": "array", "minItems": 1}
 _DRAWS: dict[str, Schema] = {
     "WrittenDraw": {
@@ -17,7 +19,7 @@ _DRAWS: dict[str, Schema] = {
         "properties": {
             RANGE: {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2},
             CHOOSE: _OPTIONS,
-            WEIGHTS: {"type": "array", "items": {"type": "number", "exclusiveMinimum": 0}},
+            WEIGHTS: {"type": "array", "items": _WEIGHT},
         },
         "oneOf": [{"required": [RANGE]}, {"required": [CHOOSE]}],
         "additionalProperties": False,

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
+from sys import float_info
 from types import NoneType
 from typing import Any, get_origin
 
 import numpy as np
 
 from oaisys_core.config.expectations import alternatives, inner_types
+from oaisys_core.config.section import LEAST_WEIGHT, MOST_WEIGHT
 from oaisys_core.errors import InvalidInputError
 
 Location = tuple[int | str, ...]
@@ -234,8 +235,9 @@ def _written_out(data: Mapping[str, Any], kinds: list[Any], at: Location) -> Dra
     if not isinstance(options, list | tuple) or not options:
         raise InvalidInputError(_dotted((*at, CHOOSE)), options, "a list of values to choose from")
     sizes_fit = isinstance(weights, list | tuple) and len(weights) in (0, len(options))
-    if not sizes_fit or not all(_is_number(each) and each > 0 for each in weights):
-        expected = f"{len(options)} numbers above 0, one for each value"
+    if not sizes_fit or not all(map(_is_weight, weights)):
+        bounds = f"from {LEAST_WEIGHT:g} to {MOST_WEIGHT:g}"
+        expected = f"{len(options)} numbers {bounds}, one for each value"
         raise InvalidInputError(_dotted((*at, WEIGHTS)), weights, expected)
     return ChoiceDraw(tuple(options), tuple(map(float, weights)))
 
@@ -244,6 +246,8 @@ def _range(data: Any, kinds: list[Any], at: Location) -> RangeDraw:
     is_pair = isinstance(data, list | tuple) and len(data) == 2 and all(map(_is_number, data))
     if not is_pair or data[0] > data[1]:
         raise InvalidInputError(_dotted(at), data, "[least, most], two finite numbers in order")
+    if not _is_number(data[1] - data[0]):
+        raise InvalidInputError(_dotted(at), data, "a range whose difference is a finite number")
     if not {int, float} & set(kinds):
         raise InvalidInputError(_dotted(at), data, "{choose: [...]}, because it is no number")
     return RangeDraw((data[0], data[1]), is_whole=float not in kinds)
@@ -268,7 +272,11 @@ def _takes_list(kind: Any) -> bool:
 def _is_number(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
-    return -inf < value < inf
+    return abs(value) <= float_info.max
+
+
+def _is_weight(value: object) -> bool:
+    return _is_number(value) and LEAST_WEIGHT <= value <= MOST_WEIGHT  # type: ignore[operator]
 
 
 def _dotted(location: Location) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, inf
+from math import hypot, inf, isfinite
 from typing import Annotated, Any
 
 from pydantic import (
@@ -25,6 +25,10 @@ from oaisys_core.geometry import MAX_M, expect_unit_norm
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
+LEAST_WEIGHT, MOST_WEIGHT = 1e-12, 1e12
+"""Of weights, whose sum must be a number that one can draw by."""
+
+Weight = Annotated[float, Field(ge=LEAST_WEIGHT, le=MOST_WEIGHT)]
 Longitude = Annotated[float, Field(ge=-180, le=360)]
 Latitude = Annotated[float, Field(ge=-90, le=90)]
 Metres = Annotated[float, Field(ge=-MAX_M, le=MAX_M)]
@@ -63,6 +67,8 @@ def _pair(value: Any) -> Any:
 def _in_order(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] > value[1]:
         raise ValueError("expected [least, most]")
+    if not isfinite(value[1] - value[0]):
+        raise ValueError("expected [least, most] whose difference is a finite number")
     return value
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field, StringConstraints
 
 from oaisys_core.config.draws import MOTION, WORLD, is_draw
-from oaisys_core.config.section import Positive, Section
+from oaisys_core.config.section import Section, Weight
 from oaisys_core.files.path_fields import ConfigFile
 
 SECTIONS = (*WORLD, "motion")
@@ -34,7 +34,7 @@ class VariantConfig(Section):
     """
 
     name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-    weight: Positive = 1.0
+    weight: Weight = 1.0
     file: ConfigFile | None = None
     is_whole: bool = False
     stage: dict[str, Any] | None = None

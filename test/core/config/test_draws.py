@@ -167,7 +167,7 @@ def _as_choices(value: Any) -> Any:
         ),
         (
             {"stage": {"relief_m": {"choose": [1, 2], "weights": [1]}}},
-            "stage.relief_m.weights: received [1], expected 2 numbers above 0",
+            "stage.relief_m.weights: received [1], expected 2 numbers from 1e-12 to 1e+12",
         ),
         ({"render": {"quality": ["high", "final"]}}, "render.quality: received ['high', 'final']"),
         (
@@ -193,6 +193,42 @@ def _as_choices(value: Any) -> Any:
 def test_what_cannot_be_drawn_is_refused_at_its_place(data: Json, expected: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(expected)):
         config_from_mapping(data)
+
+
+@pytest.mark.parametrize("least_most", [[-1e308, 1e308], [0, 10**399]], ids=["inf", "1e399"])
+def test_a_range_without_a_finite_width_is_refused(least_most: list[float]) -> None:
+    motion = {"kind": "random", "position_m": [0, 0, 2], "roll_deg": least_most}
+    with pytest.raises(ConfigError, match=r"motion\.roll_deg(\.1)?: received .*, expected"):
+        config_from_mapping({"sensors": {"motion": motion}})
+    drawn_from = {"range": least_most}
+    with pytest.raises(ConfigError, match=r"stage\.dem\.scale\.range: received .*, expected"):
+        config_from_mapping({"stage": {"dem": {"file": "a.tif", "scale": drawn_from}}})
+
+
+WITHOUT_SUM = [1e308, 10**399, 5e-324, 0, -1]
+"""Weights whose sum is no number to draw by; the second is a whole number without a float."""
+
+
+@pytest.mark.parametrize("weight", WITHOUT_SUM, ids=["1e308", "1e399", "5e-324", "0", "-1"])
+def test_weights_that_have_no_sum_are_refused(weight: float) -> None:
+    choice = {"choose": [1, 2], "weights": [weight, weight]}
+    variants = [{"name": name, "weight": weight} for name in "ab"]
+    expected = r"stage\.relief_m\.weights: received .*, expected 2 numbers from 1e-12 to 1e\+12"
+    with pytest.raises(ConfigError, match=expected):
+        config_from_mapping({"stage": {"relief_m": choice}})
+    expected = r"^config: variants\.0\.weight: received .*, expected a number"
+    with pytest.raises(ConfigError, match=expected):
+        config_from_mapping({"variants": variants})
+    layers = [{"label": "sand", "semantic_id": 1, "share": weight} for _ in range(2)]
+    with pytest.raises(ConfigError, match=r"share: received .*, expected a number"):
+        config_from_mapping({"materials": {"layers": layers}})
+
+
+def test_worlds_are_drawn_by_the_largest_weights() -> None:
+    values = 400 * [2] + 400 * [3]
+    data = {"stage": {"relief_m": {"choose": values, "weights": [1e12] * len(values)}}}
+    found = [drawn(data, seed)["stage.relief_m"] for seed in range(20)]
+    assert set(found) == {2, 3}
 
 
 def test_the_names_of_all_choices_are_checked() -> None:

@@ -17,6 +17,7 @@ from oaisys_core.config.section import (
     PositiveRange,
     Range,
     Section,
+    Weight,
 )
 from oaisys_core.config.sections.layer_conditions import ConditionConfig, Share
 from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
@@ -130,7 +131,7 @@ class LookConfig(Section):
     anti_tiling: Literal["none", "voronoi", "stochastic"] | None = None
     cell_tiles: float = Field(default=1.0, ge=0.1, le=100)
     rotation_deg: float = Field(default=180.0, ge=0, le=180)
-    share: Positive | None = None
+    share: Weight | None = None
     exposure: float | None = Field(default=None, ge=-1, le=1)
     when: ConditionConfig | None = None
 
