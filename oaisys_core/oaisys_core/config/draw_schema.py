@@ -36,7 +36,8 @@ def allow_draws(schema: Schema) -> Schema:
     definitions = schema["$defs"]
     roots = [schema["properties"][name] for name in WORLD]
     _, motion = MOTION
-    roots.append(definitions["SensorsConfig"]["properties"][motion])
+    sensors = definitions["SensorsConfig"]["properties"]
+    roots.append(sensors[motion])
     names: set[str] = set()
     for root in roots:
         names.update(_names_below(root, definitions, names))
@@ -46,6 +47,7 @@ def allow_draws(schema: Schema) -> Schema:
             properties[key] = _with_draw(node)
     for name in WORLD:
         schema["properties"][name] = _with_draw(schema["properties"][name])
+    sensors[motion] = _with_draw(sensors[motion])
     return {**schema, "$defs": {**definitions, **_DRAWS}}
 
 

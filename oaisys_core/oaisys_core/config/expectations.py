@@ -167,12 +167,31 @@ def refusal(error: ValidationError, data: object, kind: Any, *path: str) -> Inva
 
 def _keys_of_section(kind: Any, data: Any, path: Iterable[int | str]) -> set[str]:
     """Return the keys of the section at a path below a type, or of all that it may be."""
+    return {key for section in _sections_at(kind, data, path) for key in section.model_fields}
+
+
+def _kinds_of_section(kind: Any, data: Any, path: Iterable[int | str]) -> list[str]:
+    """Return the kinds of the sections that there may be at a path below a type."""
+    tags = [each.model_fields["kind"] for each in _sections_at(kind, data, path) if _has_kind(each)]
+    return [str(value) for tag in tags for value in get_args(tag.annotation)]
+
+
+def _default_kind(kind: Any, data: Any, path: Sequence[int | str]) -> str:
+    """Return which kind a section has by default, as text behind its keys, if it says none."""
+    kinds = _kinds_of_section(kind, data, path)
+    for part in path:
+        data = data[part]
+    is_default = len(kinds) == 1 and "kind" not in data
+    return f" of kind {kinds[0]!r}, the default" if is_default else ""
+
+
+def _sections_at(kind: Any, data: Any, path: Iterable[int | str]) -> list[type[Section]]:
     kinds = alternatives(kind, data)
     for part in path:
         data = data[part]
         inner = [each for kind in kinds for each in inner_types(kind, part)]
         kinds = [each for kind in inner for each in alternatives(kind, data)]
-    return {key for kind in kinds if _is_section(kind) for key in kind.model_fields}
+    return [kind for kind in kinds if _is_section(kind)]
 
 
 def _is_section(kind: Any) -> bool:
@@ -184,12 +203,24 @@ def alternatives(kind: Any, data: Any) -> list[Any]:
     if get_origin(kind) is Annotated:
         return alternatives(get_args(kind)[0], data)
     if get_origin(kind) in (Union, UnionType):
-        return [each for part in get_args(kind) for each in alternatives(part, data)]
-    if _is_section(kind) and isinstance(data, Mapping) and "kind" in data:
-        tag = kind.model_fields.get("kind")
-        if tag is not None and get_origin(tag.annotation) is Literal:
-            return [kind] if data["kind"] in get_args(tag.annotation) else []
+        found = [each for part in get_args(kind) for each in alternatives(part, data)]
+        return found if not isinstance(data, Mapping) or "kind" in data else _by_default(found)
+    if _has_kind(kind) and isinstance(data, Mapping) and "kind" in data:
+        return [kind] if data["kind"] in get_args(kind.model_fields["kind"].annotation) else []
     return [kind]
+
+
+def _by_default(kinds: list[Any]) -> list[Any]:
+    """Return the types that data without a ``kind`` may be, see `ByKind`."""
+    tags = {kind: kind.model_fields["kind"] for kind in kinds if _has_kind(kind)}
+    if all(tag.is_required() for tag in tags.values()):
+        return kinds
+    return [kind for kind in kinds if kind not in tags or not tags[kind].is_required()]
+
+
+def _has_kind(kind: Any) -> bool:
+    tag = kind.model_fields.get("kind") if _is_section(kind) else None
+    return tag is not None and get_origin(tag.annotation) is Literal
 
 
 def inner_types(kind: Any, part: int | str) -> list[Any]:
@@ -228,7 +259,8 @@ def _fault(detail: ErrorDetails, data: object, data_kind: Any) -> ConfigFault:
     location = _location(detail, data)
     if kind.startswith("union_tag_"):
         received = received.get(_tag(detail)) if isinstance(received, Mapping) else received
-    if kind == "union_tag_not_found":
+    is_kind_missing = kind == "union_tag_not_found"
+    if is_kind_missing:
         kind = MISSING_KEY
     if kind == MISSING_KEY:
         received = None
@@ -236,6 +268,9 @@ def _fault(detail: ErrorDetails, data: object, data_kind: Any) -> ConfigFault:
     if kind == UNKNOWN_KEY:
         *place, key = location
         expected = one_of_keys(_keys_of_section(data_kind, data, place), key)
+        expected += _default_kind(data_kind, data, place)
+    if is_kind_missing:
+        expected = ", ".join(map(repr, _kinds_of_section(data_kind, data, location[:-1])))
     return ConfigFault(location, received, expected, kind, statement)
 
 

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from oaisys_core.config.expectations import (
     MISSING_KEY,
     UNKNOWN_KEY,
+    WORDS,
     ConfigFault,
     fault_count,
     faults_of,
@@ -102,7 +103,8 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
     if fault.kind == UNKNOWN_KEY:
         return f"{where}: {path}: unknown key, expected {fault.expected}"
     if fault.kind == MISSING_KEY:
-        return f"{where}: {path}: missing, expected a value"
+        expected = "a value" if fault.expected == WORDS[MISSING_KEY] else fault.expected
+        return f"{where}: {path}: missing, expected {expected}"
     received = f"received {quote(fault.received)}"
     if fault.statement is None:
         return f"{where}: {path}: {received}, expected {fault.expected}{fault.hint}"

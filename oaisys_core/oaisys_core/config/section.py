@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot, inf, isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from pydantic import (
     AfterValidator,
@@ -112,6 +113,30 @@ class Within:
         if value[0] < self.least or value[1] > self.most:
             raise ValueError(f"expected numbers from {self.least:g} to {self.most:g}")
         return value
+
+
+class ByKind:
+    """Marks a union of sections whose ``kind`` selects one of them.
+
+    Without a ``kind`` it is the section whose ``kind`` has a default, if there is one.
+    """
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Fill in the default kind before one of the sections is selected."""
+        union = handler.generate_schema(Annotated[source, Field(discriminator="kind")])
+        kinds = [part.model_fields["kind"] for part in get_args(source)]
+        defaults = [kind.default for kind in kinds if not kind.is_required()]
+        if not defaults:
+            return union
+        (default,) = defaults
+
+        def with_kind(data: Any) -> Any:
+            is_without = isinstance(data, Mapping) and "kind" not in data
+            return {"kind": default, **data} if is_without else data
+
+        return core_schema.no_info_before_validator_function(with_kind, union)
 
 
 NotNegative = Annotated[Range, Within(least=0.0)]

@@ -122,7 +122,10 @@ def test_whatever_is_wrong_is_told_without_pydantic_s_words() -> None:
             {"sensors": {"motion": {"kind": "walk"}}},
             "sensors.motion.kind: received 'walk', expected 'given', 'csv', ",
         ),
-        ({"sensors": {"motion": {}}}, "sensors.motion.kind: missing, expected a value"),
+        (
+            {"assets": {"groups": [{"density": [{"size_m": 3}]}]}},
+            "assets.groups.0.density.0.kind: missing, expected 'noise', 'voronoi', ",
+        ),
         (
             {"sensors": {"motion": {"kind": "hover", "look": "up"}}},
             "sensors.motion.look: received 'up', expected 'forward' or 'down'",

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from oaisys_core.config.section import Range, Section, Size
+from oaisys_core.config.section import ByKind, Range, Section, Size
 from oaisys_core.files.path_fields import ConfigFile
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -141,5 +141,5 @@ DensityConfig = Annotated[
     | MoistureDensity
     | LayerDensity
     | ImageDensity,
-    Field(discriminator="kind"),
+    ByKind(),
 ]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import Metres, PlaceInDegrees, Position, Positive, Section
+from oaisys_core.config.section import ByKind, Metres, PlaceInDegrees, Position, Positive, Section
 from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
 Waypoint = tuple[Metres, Metres] | Position
@@ -108,9 +108,7 @@ class RecordedMotionConfig(Section):
     frame: str | None = None
 
 
-AnyVehicle = Annotated[
-    RoverConfig | DroneConfig | RecordedMotionConfig, Field(discriminator="kind")
-]
+AnyVehicle = Annotated[RoverConfig | DroneConfig | RecordedMotionConfig, ByKind()]
 
 
 class OdometryDriftConfig(Section):

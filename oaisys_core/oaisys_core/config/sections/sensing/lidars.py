@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import Position, Positive, Quaternion, Section
+from oaisys_core.config.section import ByKind, Position, Positive, Quaternion, Section
 from oaisys_core.files.path_fields import ConfigFile
 from oaisys_core.geometry import MAX_M
 
@@ -155,7 +155,7 @@ class CsvScanConfig(Section):
 
 AnyScan = Annotated[
     RotatingScanConfig | RosetteScanConfig | RasterScanConfig | CsvScanConfig,
-    Field(discriminator="kind"),
+    ByKind(),
 ]
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.section import (
+    ByKind,
     Latitude,
     Longitude,
     Metres,
@@ -305,5 +306,5 @@ AnyMotion = Annotated[
     | HoverMotion
     | GridMotion
     | SplineMotion,
-    Field(discriminator="kind"),
+    ByKind(),
 ]
