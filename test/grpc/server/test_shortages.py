@@ -17,6 +17,7 @@ from waiting import PATIENCE_S
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.system.shortages import shortage
+from oaisys_grpc.server.jobs.job import MAX_RECENT
 
 NADIR = pose_looking_down(1, 2, 7)
 CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}
@@ -87,7 +88,7 @@ def test_descriptors_come_back(start_server: Callable[..., Server]) -> None:
     process = psutil.Process(server.process.pid)
     with server.client() as client:
         client.step_batch()
-        for number in range(20):  # as many as are kept
+        for number in range(MAX_RECENT):  # as many as are kept
             client.render_sample(pose_looking_down(0.1 * number, 2, 7))
         before = process.num_fds(), server.worker().num_fds()
         for number in range(20):

@@ -49,7 +49,11 @@ class IdBlock(NamedTuple):
     def holds(self, instance_id: int) -> bool:
         """Return whether an id may belong to the group."""
         is_far = self.far_first <= instance_id < (self.far_first // FAR + 1) * FAR
-        return self.first <= instance_id < self.first + self.size or is_far
+        return self.holds_first(instance_id) or is_far
+
+    def holds_first(self, instance_id: int) -> bool:
+        """Return whether an id is among the first ``size`` ones, as all on the land are."""
+        return self.first <= instance_id < self.first + self.size
 
 
 def rock_block(count: int) -> IdBlock:
@@ -125,13 +129,14 @@ class InstanceIdPlan:
         for ids, kind in zip(self._fixed, ("object", "mover"), strict=True):
             if instance_id in ids:
                 return kind
-        rocks = (self.rocks, *self.rock_land)
-        return "rock" if any(block.holds(instance_id) for block in rocks) else "group"
+        on_land = any(block.holds_first(instance_id) for block in self.rock_land)
+        return "rock" if on_land or self.rocks.holds(instance_id) else "group"
 
     def knows(self, instance_id: int) -> bool:
         """Return whether a batch of this configuration may use this id."""
-        blocks = (self.rocks, *self.rock_land, *self.groups, *self.land)
-        in_blocks = any(block.holds(instance_id) for block in blocks)
+        on_land = (*self.rock_land, *self.land)
+        in_blocks = any(block.holds(instance_id) for block in (self.rocks, *self.groups))
+        in_blocks |= any(block.holds_first(instance_id) for block in on_land)
         return in_blocks or any(instance_id in ids for ids in self._fixed)
 
 

@@ -22,6 +22,10 @@ MAX_SAMPLES = 16
 MAX_BYTES = 512 * 1024 * 1024
 """Of the samples that are kept."""
 
+RECENT_S, MAX_RECENT = 2.0, 64
+"""Age up to which samples are kept beyond `MAX_SAMPLES`, and how many then: their readers may still
+have to open their shared memory."""
+
 _DURATIONS_KEPT = 5
 """Of each kind of job."""
 
@@ -231,10 +235,9 @@ class Operation:
 class SampleStore:
     """Keeps the most recent samples within bounds of number and memory; safe for any thread."""
 
-    def __init__(self, max_samples: int = MAX_SAMPLES, max_bytes: int = MAX_BYTES) -> None:
-        self._max_samples = max_samples
-        self._max_bytes = max_bytes
-        self._samples: OrderedDict[tuple[int, int], SampleMessages] = OrderedDict()
+    def __init__(self) -> None:
+        """Start without samples."""
+        self._samples: OrderedDict[tuple[int, int], tuple[float, SampleMessages]] = OrderedDict()
         self._lock = threading.Lock()
 
     def add(self, sample: SampleMessages) -> None:
@@ -242,7 +245,7 @@ class SampleStore:
         with self._lock:
             key = (sample.batch_id, sample.sample_id)
             self._samples.pop(key, None)
-            self._samples[key] = sample
+            self._samples[key] = time.monotonic(), sample
             while len(self._samples) > 1 and self._is_full():
                 self._samples.popitem(last=False)
 
@@ -253,17 +256,20 @@ class SampleStore:
             NotFoundError: It was never rendered, or has been dropped.
         """
         with self._lock:
-            sample = self._samples.get((batch_id, sample_id))
-        if sample is None:
+            found = self._samples.get((batch_id, sample_id))
+        if found is None:
             raise NotFoundError(
                 f"sample {sample_id} of batch {batch_id} is not here; "
-                f"at most {self._max_samples} are kept"
+                f"the last {MAX_SAMPLES} are kept"
             )
-        return sample
+        return found[1]
 
     def _is_full(self) -> bool:
-        size = sum(sample.nbytes for sample in self._samples.values())
-        return len(self._samples) > self._max_samples or size > self._max_bytes
+        size = sum(sample.nbytes for _, sample in self._samples.values())
+        since_s, _ = next(iter(self._samples.values()))
+        is_recent = time.monotonic() < since_s + RECENT_S
+        most = MAX_RECENT if is_recent else MAX_SAMPLES
+        return len(self._samples) > most or size > MAX_BYTES
 
 
 class Durations:

@@ -1,5 +1,6 @@
 """The queue: order, idempotency, cancelling, bounds; all while a worker is slow."""
 
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -7,6 +8,7 @@ from threading import Event
 from typing import Any
 
 import grpc
+import numpy as np
 import pytest
 from attacks import code_and_details, own_channel
 from served_simulator import FLAT_WORLD, Server, code_of
@@ -27,10 +29,18 @@ from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.faults import OvertakenError
 from oaisys_grpc.contract.metadata_bounds import MAX_METADATA_BYTES
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
-from oaisys_grpc.contract.sample_messages import SampleMessages
+from oaisys_grpc.contract.sample_messages import FrameMessage, SampleMessages
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.server.jobs.job import MAX_SAMPLES, Job, Operation
+from oaisys_grpc.server.jobs.job import (
+    MAX_BYTES,
+    MAX_RECENT,
+    MAX_SAMPLES,
+    RECENT_S,
+    Job,
+    Operation,
+    SampleStore,
+)
 from oaisys_grpc.server.jobs.queue import QUEUE_BYTES, QUEUE_LIMIT, OperationQueue
 from oaisys_grpc.server.limits.slots import LIMITS, SHARE_OF_CONNECTION
 from oaisys_grpc.server.options import ServerOptions
@@ -87,8 +97,11 @@ def test_first_in_first_out(flat_client: SimulatorClient) -> None:
     newest = statuses[-1]
     assert flat_client.get_sample(newest.batch_id, newest.sample_id).rig_pose == POSES[-1]
     oldest = statuses[-1 - MAX_SAMPLES]
-    with pytest.raises(NotFoundError):
+    time.sleep(RECENT_S)
+    last = ended(flat_client, flat_client.start_sample(POSES[0]))
+    with pytest.raises(NotFoundError, match="the last 16 are kept"):
         flat_client.get_sample(oldest.batch_id, oldest.sample_id)
+    assert flat_client.get_sample(last.batch_id, last.sample_id - MAX_SAMPLES + 1).sample_id > 0
 
 
 def test_a_repeated_request_is_one_render(flat_client: SimulatorClient) -> None:
@@ -315,7 +328,7 @@ def test_a_sample_is_whole_for_its_caller_however_late_that_looks() -> None:
     job = Job(Kind.SAMPLE, "step", b"", PATIENCE_S, request_id="twice")
     with operations.follow(job) as operation:
         end(operation, 1)
-        for sample_id in range(2, 2 + MAX_SAMPLES):
+        for sample_id in range(2, 2 + MAX_RECENT):
             end(operations.submit(Job(Kind.SAMPLE, "step", b"", PATIENCE_S)), sample_id)
         with pytest.raises(NotFoundError):
             operations.samples.get(1, 1)
@@ -324,6 +337,26 @@ def test_a_sample_is_whole_for_its_caller_however_late_that_looks() -> None:
         found = [each for each in operation.events(Event()) if isinstance(each, SampleMessages)]
         assert [(each.sample_id, each.end is not None) for each in found] == [(1, True)]
     assert not [each for each in operation.events(Event()) if isinstance(each, SampleMessages)]
+
+
+def messages(sample_id: int, image_bytes: int) -> SampleMessages:
+    frame = FrameMessage(pb.FrameHeader(), np.broadcast_to(np.uint8(0), (image_bytes, 1)))
+    return SampleMessages(pb.SampleHeader(batch_id=1, sample_id=sample_id), [frame])
+
+
+@pytest.mark.parametrize(("image_bytes", "kept"), [(1, MAX_RECENT), (MAX_BYTES // 4, 4)])
+def test_what_was_just_sent_stays_for_its_reader_within_the_bound_of_bytes(
+    image_bytes: int, kept: int
+) -> None:
+    """Of many views at once, some would be gone before their readers opened their memory."""
+    store = SampleStore()
+    for sample_id in range(100):
+        store.add(messages(sample_id, image_bytes))
+    assert [store.get(1, 99 - age).sample_id for age in range(kept)] == list(
+        range(99, 99 - kept, -1)
+    )
+    with pytest.raises(NotFoundError):
+        store.get(1, 99 - kept)
 
 
 def test_a_view_waits_for_one_batch_of_each_other_connection() -> None:
