@@ -100,6 +100,23 @@ def test_a_wall_is_looked_at_from_its_shadow_alone(azimuth_deg: float) -> None:
     assert not may_hide[behind_m > long_m + 4 * BLOCK * SPACING_M].any()
 
 
+def test_rays_of_a_wide_cone_are_cast_however_far_a_tower_is() -> None:
+    elevation_m = np.zeros((161, 401), np.float32)
+    elevation_m[80:82, 380:382] = 30.0
+    ground = HeightField(elevation_m, (0.0, 0.0), SPACING_M)
+    shade = GroundShade(ground)
+    axis, half_angle_rad = sun(10.0, 0.0), 0.12
+    y_m, x_m = (each.ravel() for each in np.meshgrid(np.arange(1, 79, 0.5), np.arange(5, 180, 2)))
+    origins_m = np.column_stack((x_m, y_m, np.full(len(x_m), LIFT_M)))
+    rays = np.array((190.2, 40.2, 28.0)) - origins_m
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    within = np.arccos(rays @ axis) < half_angle_rad
+    is_hidden = are_hidden(ground, origins_m, rays) & within
+    assert is_hidden.sum() > 100
+    may_hide = shade.may_hide(origins_m, RayCone(axis, half_angle_rad))
+    assert not (is_hidden & ~may_hide).any()
+
+
 def test_gentle_ground_hides_nothing_from_a_high_sun() -> None:
     y, x = np.indices((201, 201)) * SPACING_M
     elevation_m = (0.2 * x + np.sin(0.3 * y)).astype(np.float32)

@@ -77,7 +77,13 @@ class GroundShade:
             steepest = self._blocks.steepest(towards, turn_rad)
             # A slope that is not a number counts as steep.
             hiding_m = np.where(steepest <= rise, -np.inf, tops_m + HEIGHT_MARGIN_M)
-            swept_m = _sweep(hiding_m, towards, turn_rad, rise * self._size_m)
+            rise_m = rise * self._size_m
+            above_m = float(tops_m.max()) + HEIGHT_MARGIN_M - self._blocks.lowest_m
+            most = max(tops_m.shape)
+            reach = ceil(above_m / rise_m) + 1 if rise_m * most > above_m else most
+            # The derivative of a shear by its angle is 1 + shear^2, at most 2.
+            lateral = LATERAL_BLOCKS + ceil(2 * turn_rad * reach)
+            swept_m = _sweep(hiding_m, towards, lateral, rise_m)
             rows, columns = self._whole_rows, self._whole_columns
             found_m[1 : rows + 1, 1 : columns + 1] = swept_m[:rows, :columns]
         return found_m
@@ -87,10 +93,12 @@ class _Blocks(NamedTuple):
     """Bounds of blocks of cells of a height field; all arrays are (rows, columns).
 
     Attributes:
+        lowest_m: Lowest vertex of all.
         tops_m: Their highest vertices.
         low, high: The least and the greatest slopes of their triangles along x and along y.
     """
 
+    lowest_m: float
     tops_m: FloatArray
     low: tuple[FloatArray, FloatArray]
     high: tuple[FloatArray, FloatArray]
@@ -113,6 +121,7 @@ def _blocks_of(ground: HeightField) -> _Blocks:
     x_edges, y_edges = (along_x[:-1], along_x[1:]), (along_y[:, :-1], along_y[:, 1:])
     upper = np.maximum(elevation_m[:-1], elevation_m[1:])
     return _Blocks(
+        float(elevation_m.min()),
         _reduce(np.maximum, np.maximum(upper[:, :-1], upper[:, 1:])),
         (
             per_m * _reduce(np.minimum, np.minimum(*x_edges)),
@@ -133,14 +142,14 @@ def _reduce(function: Any, of_cells: NDArray[np.float32]) -> FloatArray:
 
 
 def _sweep(
-    hiding_m: FloatArray, towards: tuple[float, float], turn_rad: float, rise_m: float
+    hiding_m: FloatArray, towards: tuple[float, float], lateral: int, rise_m: float
 ) -> FloatArray:
     """Return the heights below which blocks' points may be hidden behind blocks.
 
     Args:
         hiding_m: (rows, columns) tops of the blocks that may hide something, ``-inf`` of others.
         towards: Level unit vector (x, y) along which rays run.
-        turn_rad: The greatest angle between it and a ray.
+        lateral: Blocks to each side of this course that a ray may run through.
         rise_m: How much a ray rises at least on the length of a block.
     """
     along_rows = abs(towards[1]) >= abs(towards[0])
@@ -148,13 +157,13 @@ def _sweep(
     ahead, aside = (towards[1], towards[0]) if along_rows else towards
     if ahead < 0:
         swept_m = swept_m[::-1]
-    limits_m = _sweep_ahead(swept_m, aside / abs(ahead), turn_rad, rise_m)
+    limits_m = _sweep_ahead(swept_m, aside / abs(ahead), lateral, rise_m)
     if ahead < 0:
         limits_m = limits_m[::-1]
     return limits_m if along_rows else limits_m.T
 
 
-def _sweep_ahead(hiding_m: FloatArray, shear: float, turn_rad: float, rise_m: float) -> FloatArray:
+def _sweep_ahead(hiding_m: FloatArray, shear: float, lateral: int, rise_m: float) -> FloatArray:
     """See `_sweep`, for rays that run along rows' numbers.
 
     ``shear`` is how many columns they pass on each row, at most 1.
@@ -169,10 +178,6 @@ def _sweep_ahead(hiding_m: FloatArray, shear: float, turn_rad: float, rise_m: fl
     sheared_m = np.full((rows, columns + int(first.max())), -np.inf)
     for row, begin, values_m in zip(sheared_m, first, hiding_m, strict=True):
         row[begin : begin + columns] = values_m
-    height_m = np.ptp(hiding_m[np.isfinite(hiding_m)]) if rise_m > 0 else np.inf
-    reach = rows if rise_m * rows <= height_m else ceil(height_m / rise_m) + 1
-    # The derivative of a shear by its angle is 1 + shear^2.
-    lateral = LATERAL_BLOCKS + ceil(2 * turn_rad * reach)
     sheared_m = maximum_filter1d(sheared_m, 2 * lateral + 1, axis=1, mode="constant", cval=-np.inf)
     passed_m = rise_m * np.arange(rows)[:, None]
     highest_m = np.maximum.accumulate((sheared_m - passed_m)[::-1])[::-1]
