@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import asin, pi, tan
+from math import tan
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -90,8 +90,7 @@ class FarGroundTarget(RayTarget):
             return np.zeros(0, np.bool_)
         if cone is None:
             return self._occludes_any(origins_m, directions)
-        lowest_rad = asin(cone.axis[2]) - cone.half_angle_rad
-        if lowest_rad >= pi / 2 or tan(lowest_rad) > self._steepest(origins_m):
+        if tan(cone.lowest_rad) > self._steepest(origins_m):
             return np.zeros(len(directions), np.bool_)
         if cone.half_angle_rad:
             return self._occludes_any(origins_m, directions)

@@ -7,7 +7,7 @@ their tops, need to be cast.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import asin, ceil, cos, hypot, sin, tan
 from typing import Any, NamedTuple
 
@@ -37,9 +37,8 @@ class GroundShade:
 
     def __init__(self, ground: HeightField) -> None:
         """Take over a ground; its slopes are looked at when the first rays ask."""
-        self._ground: HeightField | None = ground
+        self._ground = ground
         self._size_m = BLOCK * ground.spacing_m
-        self._blocks: _Blocks | None = None
         self._x0_m, self._y0_m = ground.origin_xy_m
         # Of smaller blocks at the end, a part lies beyond the ground.
         self._whole_rows, self._whole_columns = ((n - 1) // BLOCK for n in ground.elevation_m.shape)
@@ -53,27 +52,27 @@ class GroundShade:
         limits_m = self._limits_m(cone)
         rows, columns = limits_m.shape
         column = _block(origins_m[:, 0], self._x0_m, self._size_m, columns)
-        column += columns * _block(origins_m[:, 1], self._y0_m, self._size_m, rows)
-        return np.asarray(origins_m[:, 2] < limits_m.reshape(-1).take(column))
+        row = _block(origins_m[:, 1], self._y0_m, self._size_m, rows)
+        return np.asarray(origins_m[:, 2] < limits_m.reshape(-1).take(row * columns + column))
+
+    @cached_property
+    def _blocks(self) -> _Blocks:
+        return _blocks_of(self._ground)
 
     def _find_limits_m(self, cone: RayCone) -> FloatArray:
         """Return the heights below which points of each block may be hidden.
 
         There is one more block at each side, for all points beyond the ground.
         """
-        if self._blocks is None:
-            assert self._ground is not None
-            self._blocks, self._ground = _blocks_of(self._ground), None
         tops_m = self._blocks.tops_m
         found_m = np.full((tops_m.shape[0] + 2, tops_m.shape[1] + 2), np.inf)
-        x, y, z = cone.axis
-        elevation_rad = asin(min(max(z, -1.0), 1.0))
-        low_rad = elevation_rad - cone.half_angle_rad
-        if low_rad > MIN_ELEVATION_RAD and elevation_rad + cone.half_angle_rad < MAX_ELEVATION_RAD:
-            turn_rad = asin(sin(cone.half_angle_rad) / cos(elevation_rad))
+        highest_rad = cone.elevation_rad + cone.half_angle_rad
+        if cone.lowest_rad > MIN_ELEVATION_RAD and highest_rad < MAX_ELEVATION_RAD:
+            turn_rad = asin(sin(cone.half_angle_rad) / cos(cone.elevation_rad))
+            x, y, _ = cone.axis
             level = hypot(x, y)
             towards = (x / level, y / level)
-            rise = tan(low_rad) - SLOPE_MARGIN
+            rise = tan(cone.lowest_rad) - SLOPE_MARGIN
             steepest = self._blocks.steepest(towards, turn_rad)
             # A slope that is not a number counts as steep.
             hiding_m = np.where(steepest <= rise, -np.inf, tops_m + HEIGHT_MARGIN_M)

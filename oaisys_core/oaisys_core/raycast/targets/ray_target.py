@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from math import asin
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,16 @@ class RayCone(NamedTuple):
 
     axis: tuple[float, float, float]
     half_angle_rad: float = 0.0
+
+    @property
+    def elevation_rad(self) -> float:
+        """Angle of the axis above the horizontal."""
+        return asin(min(max(self.axis[2], -1.0), 1.0))
+
+    @property
+    def lowest_rad(self) -> float:
+        """Angle of the lowest rays above the horizontal."""
+        return self.elevation_rad - self.half_angle_rad
 
 
 class RayTarget(ABC):
