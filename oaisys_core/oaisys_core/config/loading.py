@@ -20,8 +20,9 @@ from oaisys_core.config.expectations import (
 )
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.errors import ConfigError, quote, show_field
-from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
+from oaisys_core.files.documents import DocumentError, read_text
 from oaisys_core.files.path_fields import BASE
+from oaisys_core.files.yaml_documents import parse_yaml_with_lines
 
 if TYPE_CHECKING:
     import yaml

@@ -10,7 +10,8 @@ from typing import Any
 from mcap.records import Schema
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_core.files.documents import parse_yaml, read_text
+from oaisys_core.files.documents import read_text
+from oaisys_core.files.yaml_documents import parse_yaml
 from oaisys_ros_bridge.bags.mcap_format.finished_bag import describe_topic, open_finished
 from oaisys_ros_bridge.bags.mcap_format.mcap_records import RecordFile
 from oaisys_ros_bridge.bags.mcap_format.salvage import salvage

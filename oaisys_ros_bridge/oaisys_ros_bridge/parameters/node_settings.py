@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.files.documents import parse_yaml, read_text
+from oaisys_core.files.documents import read_text
 from oaisys_core.files.folders import user_path
+from oaisys_core.files.yaml_documents import parse_yaml
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 WILDCARDS = ("**", "*")

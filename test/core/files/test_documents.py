@@ -20,9 +20,9 @@ from oaisys_core.files.documents import (
     MAX_TEXT_BYTES,
     DocumentError,
     parse_json,
-    parse_yaml,
     read_text,
 )
+from oaisys_core.files.yaml_documents import parse_yaml
 
 LAUGHS = "a0: &a0 [lol]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import InvalidInputError, did_you_mean
-from oaisys_core.files.documents import parse_yaml, read_text
+from oaisys_core.files.documents import read_text
+from oaisys_core.files.yaml_documents import parse_yaml
 from oaisys_core.geometry import check_pose
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
 

@@ -20,7 +20,8 @@ from oaisys_core.files.calibrations.opencv import is_opencv, read_opencv
 from oaisys_core.files.calibrations.records import FIELD, Calibration
 from oaisys_core.files.calibrations.robots import Robot, is_robot, read_robot
 from oaisys_core.files.calibrations.ros import is_camera_info, read_camera_info
-from oaisys_core.files.documents import parse_json, parse_yaml, read_bytes
+from oaisys_core.files.documents import parse_json, read_bytes
+from oaisys_core.files.yaml_documents import parse_yaml
 
 MOST_BYTES = 4_000_000
 KNOWN = (

@@ -5,7 +5,6 @@ Only formats with a row here are decoded, because a decoder recognizes others by
 
 from __future__ import annotations
 
-import io
 import re
 import struct
 from collections.abc import Callable
@@ -37,8 +36,6 @@ ASSOCIATED_ALPHA, UNASSOCIATED_ALPHA = 1, 2
 """Meanings of an extra sample: with the first, colours are multiplied by opacity."""
 _NO_FRAME = (0xC4, 0xC8, 0xCC)
 """Markers among those of a JPEG's frames that are none: tables and extensions."""
-_WITH_EXIF = (b"\xff\xd8", b"\x89PNG", b"RIFF")
-_EXIF_NAMES = (b"Exif", b"eXIf", b"EXIF")
 _PNM_GAP = rb"(?:\s|#[^\n]*\n)+"
 _PNM_SIZE = rb"P[1-6]" + _PNM_GAP + rb"(\d{1,9})" + _PNM_GAP + rb"(\d{1,9})"
 
@@ -59,28 +56,6 @@ def image_size(data: bytes) -> tuple[int, int]:
                 raise ValueError(f"its header says {width} x {height} pixels")
             return width, height
     raise ValueError(f"it is not a {FORMATS} file")
-
-
-def exif_orientation(data: bytes) -> int:
-    """Return where the first row and column of a JPEG, PNG or WebP file belong, 1 to 8.
-
-    1 is at the top and left, as without EXIF.
-
-    Raises:
-        ValueError: EXIF is damaged, or has another number.
-    """
-    from PIL import ExifTags, Image
-
-    if not (data.startswith(_WITH_EXIF) and any(name in data for name in _EXIF_NAMES)):
-        return 1
-    try:
-        with Image.open(io.BytesIO(data), formats=("JPEG", "PNG", "WEBP")) as image:
-            found = image.getexif().get(ExifTags.Base.Orientation, 1)
-    except (OSError, ValueError, SyntaxError, struct.error) as error:
-        raise ValueError(f"its EXIF cannot be read: {error}") from error
-    if found not in range(1, 9):
-        raise ValueError(f"its EXIF orientation is {found!r}, expected 1 to 8")
-    return int(found)
 
 
 class StoredValues(NamedTuple):

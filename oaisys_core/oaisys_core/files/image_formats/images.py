@@ -15,11 +15,11 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_formats.image_headers import (
     StoredValues,
-    exif_orientation,
     image_size,
     is_tiff,
     values_of,
 )
+from oaisys_core.files.image_formats.orientation import exif_orientation, upright
 from oaisys_core.files.image_formats.radiance import has_new_runs, plain_radiance, radiance_header
 from oaisys_core.types import MAX_IMAGE_PX
 
@@ -137,15 +137,6 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
     if flags is None or image.ndim == 2:
         return image
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
-
-
-def upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Return pixels whose first row is the top one and whose first column is the left one."""
-    if orientation in (5, 6, 7, 8):
-        pixels = np.swapaxes(pixels, 0, 1)
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels[:, ::-1] if orientation in (2, 3, 6, 7) else pixels
 
 
 def _check_values(values: StoredValues, use: ImageUse, name: str) -> None:

@@ -19,7 +19,8 @@ from oaisys_core.files.image_formats.image_headers import (
     TiffHeader,
     tiff_header,
 )
-from oaisys_core.files.image_formats.images import ImageUse, upright
+from oaisys_core.files.image_formats.images import ImageUse
+from oaisys_core.files.image_formats.orientation import upright
 from oaisys_core.files.image_formats.rasters import open_geotiff, without_georeference
 
 _DTYPES = ("uint8", "uint16", "float16", "float32")

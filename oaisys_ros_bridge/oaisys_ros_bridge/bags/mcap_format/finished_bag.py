@@ -23,7 +23,7 @@ from mcap.records import (
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.documents import parse_yaml
+from oaisys_core.files.yaml_documents import parse_yaml
 from oaisys_ros_bridge.bags.mcap_format.mcap_records import (
     FOOTER_BYTES,
     MAGIC,

@@ -139,17 +139,22 @@ def test_a_signal_at_any_moment_has_one_exit_code_and_leaves_nothing(
     assert not list(tmp_path.rglob("*.part*"))
 
 
+def end_of(code: str, number: signal.Signals) -> int:
+    """Send a signal to a program that has printed a line, and return how it ends."""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(0.1)
+        process.send_signal(number)
+        return process.wait(PATIENCE_S)
+
+
 def test_a_signal_before_the_work_begins_is_an_exit_code(start: Callable[..., Command]) -> None:
     code = "from oaisys_core.cli.program import main; import time; print(flush=True); "
     code += "from oaisys_core.system.ending.signals import exit_at_signals; "
     code += "exit_at_signals(); time.sleep(60)"
     for number in ENDINGS:
-        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
-            assert process.stdout is not None
-            process.stdout.readline()
-            time.sleep(0.1)
-            process.send_signal(number)
-            assert process.wait(PATIENCE_S) == 128 + number
+        assert end_of(code, number) == 128 + number
 
 
 def test_a_second_signal_does_not_kill_a_program_that_ends_well() -> None:
@@ -159,11 +164,7 @@ def test_a_second_signal_does_not_kill_a_program_that_ends_well() -> None:
     code += "threading.Thread(target=lambda: (time.sleep(0.3), print(flush=True), "
     code += "time.sleep(1))).start(); sys.exit(0)"
     for number in ENDINGS:
-        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
-            assert process.stdout is not None
-            process.stdout.readline()
-            process.send_signal(number)
-            assert process.wait(PATIENCE_S) == 0
+        assert end_of(code, number) == 0
 
 
 def test_signals_are_settled_before_anything_slow_is_imported() -> None:

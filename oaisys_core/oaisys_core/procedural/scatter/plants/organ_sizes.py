@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 
-from oaisys_core.files.documents import parse_yaml
+from oaisys_core.files.yaml_documents import parse_yaml
 from oaisys_core.types import FloatArray
 
 CLASS_RATIO = 1.5
