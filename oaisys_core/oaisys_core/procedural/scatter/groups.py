@@ -15,6 +15,7 @@ from oaisys_core.procedural.scatter.density import Density, make_density
 from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.placement import (
     MAX_BURIED,
+    MAX_TILT_DEG,
     bedding,
     leaning,
     poses_with_scale,
@@ -68,7 +69,7 @@ class GroundAlignment(NamedTuple):
     sink: tuple[float, float]
 
 
-LYING = GroundAlignment(tilt_deg=18.0, align=1.0, sink=(0.15, 0.4))
+LYING = GroundAlignment(tilt_deg=MAX_TILT_DEG, align=1.0, sink=(0.15, 0.4))
 ROOTED = GroundAlignment(tilt_deg=4.0, align=0.2, sink=(0.0, 0.03))
 SPREAD = GroundAlignment(tilt_deg=0.0, align=1.0, sink=(0.0, 0.03))
 """Of stones and whatever else may lie anyhow, of plants, and of plants that are wider than high."""

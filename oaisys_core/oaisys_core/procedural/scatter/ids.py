@@ -33,6 +33,10 @@ ON_LAND = 1000
 """Number of ids of a group, or of rocks of a kind, for what lies on the land around the stage."""
 
 
+NO_OVERFLOW = -FAR
+"""Where the overflow of blocks begins that have none: no id is so low."""
+
+
 class IdBlock(NamedTuple):
     """The ids of a group: ``size`` ids from ``first``, and the overflow from ``far_first``."""
 
@@ -49,11 +53,7 @@ class IdBlock(NamedTuple):
     def holds(self, instance_id: int) -> bool:
         """Return whether an id may belong to the group."""
         is_far = self.far_first <= instance_id < (self.far_first // FAR + 1) * FAR
-        return self.holds_first(instance_id) or is_far
-
-    def holds_first(self, instance_id: int) -> bool:
-        """Return whether an id is among the first ``size`` ones, as all on the land are."""
-        return self.first <= instance_id < self.first + self.size
+        return self.first <= instance_id < self.first + self.size or is_far
 
 
 def rock_block(count: int) -> IdBlock:
@@ -92,7 +92,7 @@ def land_blocks(groups: Sequence[IdBlock]) -> list[IdBlock]:
         first = FIRST_OBJECT_ID - number * ON_LAND
         if first < max(ends, default=0):
             first = (group.far_first // FAR + 1) * FAR - ON_LAND
-        blocks.append(IdBlock(first, ON_LAND, first + ON_LAND))
+        blocks.append(IdBlock(first, ON_LAND, NO_OVERFLOW))
     return blocks
 
 
@@ -105,7 +105,7 @@ def rock_land_blocks(rocks: IdBlock, count: int, kinds: int) -> list[IdBlock]:
     if count + kinds * ON_LAND > rocks.size:
         end = (rocks.far_first // FAR + 1) * FAR
     firsts = [end - number * ON_LAND for number in range(1, kinds + 1)]
-    return [IdBlock(first, ON_LAND, first + ON_LAND) for first in firsts]
+    return [IdBlock(first, ON_LAND, NO_OVERFLOW) for first in firsts]
 
 
 class InstanceIdPlan:
@@ -129,14 +129,13 @@ class InstanceIdPlan:
         for ids, kind in zip(self._fixed, ("object", "mover"), strict=True):
             if instance_id in ids:
                 return kind
-        on_land = any(block.holds_first(instance_id) for block in self.rock_land)
-        return "rock" if on_land or self.rocks.holds(instance_id) else "group"
+        rocks = (self.rocks, *self.rock_land)
+        return "rock" if any(block.holds(instance_id) for block in rocks) else "group"
 
     def knows(self, instance_id: int) -> bool:
         """Return whether a batch of this configuration may use this id."""
-        on_land = (*self.rock_land, *self.land)
-        in_blocks = any(block.holds(instance_id) for block in (self.rocks, *self.groups))
-        in_blocks |= any(block.holds_first(instance_id) for block in on_land)
+        blocks = (self.rocks, *self.rock_land, *self.groups, *self.land)
+        in_blocks = any(block.holds(instance_id) for block in blocks)
         return in_blocks or any(instance_id in ids for ids in self._fixed)
 
 

@@ -24,6 +24,9 @@ SPARE = 3
 MAX_BURIED = 0.8
 """Largest share of an object's height below the ground, so that every object is visible."""
 
+MAX_TILT_DEG = 18.0
+"""Largest tilt of things of `TILT_SIZE_M` away from the ground's normal, unless said otherwise."""
+
 TILT_SIZE_M, TILT_FACTORS = 0.5, (0.5, 1.6)
 """Size at which things tilt as much as they may, and least and largest factor of other sizes: large
 ones come to rest on a wide side, small ones anyhow."""
@@ -66,7 +69,7 @@ def scatter_on(
     min_spacing: float = 0.5,
     sink: tuple[float, float] = (0.15, 0.4),
     max_slope_deg: float = 40.0,
-    max_tilt_deg: float = 18.0,
+    max_tilt_deg: float = MAX_TILT_DEG,
     clumping: float = 0.7,
     fragments: float = 0.0,
     height_share: float = 0.6,
@@ -123,7 +126,7 @@ def scatter_on(
             drawn = draw(missing, sources)
             xy = _keep_apart(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
-    return poses_on(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
+    return poses_on(ground, xy, sizes_m, rng, sink, height_share, max_tilt_deg), sizes_m
 
 
 def _beside(
@@ -189,8 +192,8 @@ def poses_on(
     sizes_m: FloatArray,
     rng: np.random.Generator,
     sink: tuple[float, float],
-    max_tilt_deg: float = 18.0,
-    height_share: float = 0.6,
+    height_share: float,
+    max_tilt_deg: float = MAX_TILT_DEG,
 ) -> FloatArray:
     """Return (N, 4, 4) poses with scale of things at (N, 2) places; see `scatter_on`."""
     from scipy.spatial.transform import Rotation

@@ -116,7 +116,7 @@ def rocks_beyond(
         sizes_m[found.like],
         randomness.child(rng, "turns"),
         group.sink,
-        height_share=height_share(rocks.shapes),
+        height_share(rocks.shapes),
     )
     numbers = ids.ids(len(poses))
     return [
