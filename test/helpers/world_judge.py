@@ -39,6 +39,9 @@ BLACK_ALBEDO = 3
 MAX_BLACK = 0.01
 """Share of lit pixels that may be black: gaps between stones that no sample's light reached."""
 
+OBJECT_PIXELS = 12
+"""Pixels from which on a thing of which no pixel has any albedo is black."""
+
 SPECKLE = 1 / 16
 """Deviation from the neighbours, beyond that of the converged picture there, that is a grain.
 
@@ -216,6 +219,8 @@ class _View:
         for kind in ("black", "black_albedo"):
             if figures[kind] > MAX_BLACK:
                 self.faults.append(f"{self.name}: {kind} {figures[kind]:.1%} of what has light")
+        if figures["black_things"]:
+            self.faults.append(f"{self.name}: things {figures['black_things']} are black")
         figures["speckles"] = self.speckles()
         if figures["speckles"] > MAX_SPECKLES:
             self.faults.append(f"{self.name}: {figures['speckles']:.1%} of the pixels are speckles")
@@ -250,7 +255,15 @@ class _View:
             "lit": float(is_lit.mean()),
             "black": float(black.sum() / max(judged.sum(), MIN_PIXELS)),
             "black_albedo": float(no_albedo.sum() / max(self.is_ground.sum(), MIN_PIXELS)),
+            "black_things": self._without_albedo(has_albedo),
         }
+
+    def _without_albedo(self, has_albedo: Mask) -> list[int]:
+        """Return the ids of things that are black; they may be a small share of a picture."""
+        ids = self.frames["instance"].data
+        numbers, counts = np.unique(ids[self.is_hit & ~self.is_water], return_counts=True)
+        seen = set(numbers[(counts >= OBJECT_PIXELS) & (numbers > 0)].tolist())
+        return sorted(seen - set(np.unique(ids[has_albedo]).tolist()))
 
     def _light(self, surface: Surface) -> Mask:
         """Return which pixels sun or sky lights."""

@@ -206,6 +206,7 @@ def _outlines(
     origin_m = T[:, :3, :3] @ part.centre_m + T[:, :3, 3]
     centre_m = origin_m[:, :2]
     slope, height_m = ground_plane(ground, centre_m, size_m / 2)
+    height_m = np.nan_to_num(height_m)  # off the stage, where the map does not show it
     level = (height_m - origin_m[:, 2]) / scale / max(part.top_m, 1e-6) * (LEVELS - 1)
     corners = part.outlines_m[np.clip(np.round(level), 0, LEVELS - 1).astype(np.intp)]
     corners_m = np.einsum("nij,nkj->nki", T[:, :2, :3], corners)
@@ -220,7 +221,7 @@ def _outlines(
 def ground_plane(
     ground: Ground, xy_m: FloatArray, radius_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (N, 2) slopes and (N,) heights of the ground at points; 0 where there is no ground."""
+    """Return (N, 2) slopes and (N,) heights of the ground at points; 0 and NaN where it is not."""
     radius_m = np.maximum(radius_m, ground.spacing_m / 2)
     ways = np.array(((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)), np.float64)
     points_m = xy_m + ways[:, None] * radius_m[:, None]
@@ -228,7 +229,7 @@ def ground_plane(
         len(ways), -1
     )
     slope = np.column_stack((east_m - west_m, north_m - south_m)) / (2 * radius_m[:, None])
-    return np.nan_to_num(slope), np.nan_to_num(middle_m)
+    return np.nan_to_num(slope), middle_m
 
 
 def _contact_parts(prototype: MeshPrototype) -> list[ContactPart]:

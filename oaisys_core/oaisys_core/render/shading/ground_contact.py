@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import ground_plane, stage_ground
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import Scene, TerrainMaterial
@@ -16,6 +17,9 @@ from oaisys_core.types import FloatArray
 
 REACH = 0.35
 """Distance from an instance's origin at which slopes of the ground are taken, in sizes."""
+
+NO_GROUND = -100.0
+"""Height of the ground below an instance where there is none, in sizes: it leaves no dust."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +40,9 @@ class ContactGround:
     """Finds the contact of instances with the ground of a scene."""
 
     def __init__(self, scene: Scene, store: LevelStore) -> None:
-        self._ground, self._material = stage_ground(scene), scene.material
-        self._store = store
+        stage, land = stage_ground(scene), scene.far_ground
+        self._ground = stage if land is None else GroundAround(stage, land)
+        self._material, self._store = scene.material, store
 
     @cached_property
     def _colors(self) -> FloatArray:
@@ -45,11 +50,13 @@ class ContactGround:
         return mean_colors(self._material, self._store)
 
     def __call__(self, T_map_object: FloatArray) -> GroundContact:
-        """Return the contact of instances at (N, 4, 4) poses; level ground outside the stage."""
+        """Return the contact of instances at (N, 4, 4) poses, on the stage or on the land."""
         position = T_map_object[:, :3, 3]
         size_m = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
         slope, height_m = ground_plane(self._ground, position[:, :2], REACH * size_m)
-        bed = np.column_stack((slope, height_m - position[:, 2]))
+        above_origin_m = height_m - position[:, 2]
+        above_origin_m = np.where(np.isnan(above_origin_m), NO_GROUND * size_m, above_origin_m)
+        bed = np.column_stack((slope, above_origin_m))
         dust = self._material.weights_at(position[:, :2]) @ self._colors
         return GroundContact(bed.astype(np.float32), dust.astype(np.float32))
 
