@@ -59,6 +59,8 @@ class EsdfTopic:
             self._schedule.tell(str(error))
             return
         self._schedule.tell("")
+        if not self._schedule.still_has(view):
+            return
         stamp = stamp_from_nanoseconds(view.stamp_ns)
         header = Header(stamp=stamp, frame_id=values["map_frame"])
         self._slice.publish(distances_to_cloud_msg(points, header))

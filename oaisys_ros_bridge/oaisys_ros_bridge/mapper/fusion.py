@@ -195,15 +195,21 @@ class Fusion:
         """The views that the volume is made from."""
         return tuple(self._views)
 
+    @property
+    def newest(self) -> tuple[FusionState, PosedCamera | None, int]:
+        """Counts, the view that they end with or None without any, and the number of resets."""
+        with self._settled:
+            return self._state, self._views[-1] if self._views else None, self._resets
+
     def reset(self) -> None:
         """Clear the volume, and drop the frames that wait."""
         with self._volume_lock:
             while not self._frames.empty():
                 self._frames.get_nowait()
-            self._resets += 1
             self._volume.reset()
-            self._views.clear()
             with self._settled:
+                self._resets += 1
+                self._views.clear()
                 self._state = FusionState()
                 self._settled.notify_all()
         self._on_change(self._state)
@@ -260,9 +266,10 @@ class Fusion:
             self._on_error(str(error) if known else f"a frame cannot be fused: {error!r}")
             self._count(dropped=1)
             return NOT_FUSED
-        self._views.append(PosedCamera(camera, frame.T_map_camera))
         duration_s = time.perf_counter() - start_s
-        self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
+        with self._settled:
+            self._views.append(PosedCamera(camera, frame.T_map_camera))
+            self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
         return ""
 
     def _count(

@@ -21,11 +21,11 @@ class MappedGround:
 
     def newest_view(self) -> NewestView | None:
         """Return the newest view in the map; None: there is none."""
-        state, views = self._fusion.state, self._fusion.views
-        if not views:
+        state, view, resets = self._fusion.newest
+        if view is None:
             return None
-        x_m, y_m = (float(each) for each in views[-1].T_map_camera[:2, 3])
-        return NewestView(state.integrated, state.stamp_ns, (x_m, y_m))
+        x_m, y_m = (float(each) for each in view.T_map_camera[:2, 3])
+        return NewestView(state.integrated, state.stamp_ns, (x_m, y_m), resets)
 
     def find(self, place: GridPlace) -> GroundGrid:
         """Return the topmost mapped surface in the cells."""

@@ -76,6 +76,8 @@ class GroundTopics:
             self._schedule.tell(str(error))
             return
         self._schedule.tell("")
+        if not self._schedule.still_has(view):
+            return
         stamp: Time = stamp_from_nanoseconds(view.stamp_ns)
         header = Header(stamp=stamp, frame_id=values["map_frame"])
         grid_map, occupancy = ground_msgs(grid, rover_of(values), header)

@@ -18,11 +18,18 @@ class NewestView:
         number: Of the view; another one for each.
         stamp_ns: When it was taken.
         xy_m: The rig or its camera, in ``map``.
+        resets: How often what maps are made of was emptied before; numbers then begin again.
     """
 
     number: int
     stamp_ns: int
     xy_m: tuple[float, float]
+    resets: int = 0
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Differs from that of any other view."""
+        return self.resets, self.number
 
 
 class MapSchedule:
@@ -38,7 +45,7 @@ class MapSchedule:
         self._node = node
         self._what = what
         self._newest_view = newest_view
-        self._published: int | None = None
+        self._published: tuple[int, int] | None = None
         self._published_s = -math.inf
         self._told = ""
 
@@ -52,10 +59,15 @@ class MapSchedule:
         now_s = time.monotonic()
         if view is None:
             return None
-        if now_s < self._published_s + period_s if period_s else view.number == self._published:
+        if now_s < self._published_s + period_s if period_s else view.key == self._published:
             return None
-        self._published, self._published_s = view.number, now_s
+        self._published, self._published_s = view.key, now_s
         return view
+
+    def still_has(self, view: NewestView) -> bool:
+        """Return whether a view is still in what maps are made of; it is not after a reset."""
+        newest = self._newest_view()
+        return newest is not None and newest.resets == view.resets
 
     def tell(self, reason: str) -> None:
         """Warn why there is no map, once for the same reason; empty: there is one."""

@@ -184,7 +184,7 @@ def peer(shared_peer: Peer) -> Peer:
     """Its map is empty."""
     assert shared_peer.call(Trigger, "reset", Trigger.Request()).success
     shared_peer.wait_for_frames(0)
-    for topic in ("mesh", "surface_points"):
+    for topic in ("mesh", "surface_points", "esdf_slice"):
         shared_peer.latest.pop(topic, None)
     return shared_peer
 
