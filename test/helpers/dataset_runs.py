@@ -39,7 +39,7 @@ sensors:
       modalities: [rgb, depth, semantic_0, instance, normal]
   motion: {kind: hover, height_above_ground_m: [3, 6]}
 """
-WORLDS, VIEWS = 6, 3
+WORLDS, VIEWS = 4, 3
 TIMEOUT_S = 400.0
 """After so long a program hangs. On idle cores a run takes seconds, beside others far longer."""
 

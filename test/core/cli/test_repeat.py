@@ -130,7 +130,7 @@ def asset(rng: np.random.Generator, seen: list[int]) -> dict[str, Any]:
     return changes[rng.integers(len(changes))]
 
 
-SOAK = [pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3)]
+SOAK = [pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 2, 3)]
 LABEL = {"label": "thing", "semantic_id": 60}
 
 
@@ -191,9 +191,7 @@ def step(sim: Simulation, rng: np.random.Generator, seen: list[int]) -> Sample:
     return sim.step_sample(metadata, modalities=modalities)
 
 
-@pytest.mark.parametrize(
-    "seed", [*(pytest.param(s, marks=pytest.mark.long) for s in range(2)), *SOAK]
-)
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), *SOAK])
 def test_the_newest_record_alone_repeats_its_sample(seed: int, tmp_path: Path) -> None:
     config = config_from_mapping({**WORLD, "stage": {**WORLD["stage"], "store": str(tmp_path)}})
     rng = np.random.default_rng(seed)

@@ -44,6 +44,8 @@ def small(config: SimulationConfig) -> SimulationConfig:
             group["variants"] = min(group["variants"] or MAX_VARIANTS, MAX_VARIANTS)
     if "stage" not in given:
         data["stage"] |= {"resolution_px": MIN_GRID_PX, "surroundings": "plain"}
+    elif "surroundings" not in config.stage.model_fields_set:
+        data["stage"]["surroundings"] = "plain"
     if "materials" not in given:
         data["materials"]["layers"] = data["materials"]["layers"][:1]
     if "assets" not in given:

@@ -43,10 +43,15 @@ def world(tilings: list[str]) -> dict[str, Any]:
         "shape": "rover",
         "trajectory": {"waypoints_m": [[-8, -8], [8, -8], [0, 8]], "closed": True},
     }
-    water = {"level_share": 0.1, "semantic_id": 40}
     return {
         "seed": 3,
-        "stage": {"preset": "canyon", "extent_m": 40, "resolution_px": 129, "water": water},
+        "stage": {
+            "preset": "canyon",
+            "extent_m": 40,
+            "resolution_px": 65,
+            "surroundings": "plain",
+            "water": {"level_share": 0.1, "semantic_id": 40},
+        },
         "materials": {"layers": layers},
         "environment": {"haze": {}},
         "assets": {"rocks": [], "movers": [rover]},
