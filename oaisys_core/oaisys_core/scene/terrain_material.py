@@ -159,8 +159,9 @@ class TerrainMaterial:
             it. None for none.
         macro: Variation of colour from metres to kilometres; None for none.
         land: Weights of the layers on the land around the extent; None if there is no land.
-        wet_bank_m: Heights up to which the stage is wet and from which it is dry; None without
+        wet_bank_m: Heights up to which the ground is wet and from which it is dry; None without
             water.
+        wet_extent_m: (min_x, min_y, max_x, max_y) beyond which it is dry; None: the stage's.
         is_lambertian: Whether the ground reflects by Lambert's law, whatever its roughness.
         law: By which the ground reflects relative to Lambert's law; None for as it. Only with
             ``is_lambertian``.
@@ -176,6 +177,7 @@ class TerrainMaterial:
     macro: MacroVariation | None = None
     land: LandMasks | None = None
     wet_bank_m: tuple[float, float] | None = None
+    wet_extent_m: tuple[float, float, float, float] | None = None
     is_lambertian: bool = False
     law: PhotometricLaw | None = None
 

@@ -16,7 +16,8 @@ from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.procedural.terrain.detail import Detail, DetailedGround
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
-from oaisys_core.procedural.terrain.water import Water
+from oaisys_core.procedural.terrain.water import NO_WATER, Water
+from oaisys_core.procedural.terrain.water_beyond import WaterBeyond, water_beyond
 from oaisys_core.scene import (
     Ground,
     Lamp,
@@ -86,6 +87,7 @@ class World:
     render: RenderSettings | None = None
     semantic_labels: dict[int, str] = field(default_factory=dict)
     sample_id: int = 0
+    _beyond: WaterBeyond | None = None
     _on_stage: tuple[tuple[Placement, ...], tuple[Placement, ...]] | None = None
 
     def keep_stage(self, other: World) -> None:
@@ -110,6 +112,16 @@ class World:
     def is_in_land(self) -> bool:
         """Whether the ground beyond the stage, if it is shown, is land."""
         return self.ground is not None and self.surroundings.is_land(self.ground)
+
+    def water_beyond(self) -> WaterBeyond | None:
+        """Return the water on the land around the stage; None without water or land."""
+        if self.water is None or not self.is_in_land:
+            return None
+        land = self.far_ground = self.surroundings.around(require(self.ground), self.far_ground)
+        last = self._beyond
+        if last is None or last.land is not land or last.water is not self.water:
+            self._beyond = water_beyond(self.water, land, self.surroundings.body_radius_m)
+        return self._beyond
 
     def _shown_placements(self, shows_land: bool) -> tuple[Placement, ...]:
         """Return the placements without those on land that is not shown; the same for the same."""
@@ -138,7 +150,9 @@ class World:
             self.far_ground = self.surroundings.around(require(self.ground), self.far_ground)
         prototypes, placements = self.prototypes, self._shown_placements(sky.shows_plain)
         if self.water is not None:
-            prototypes, placements = self.water.join(prototypes, placements)
+            beyond = self.water_beyond() if sky.shows_plain else None
+            parts = NO_WATER if beyond is None else beyond.parts
+            prototypes, placements = self.water.join(prototypes, placements, parts)
         return Scene(
             ground=self.surface,
             material=require(self.material),

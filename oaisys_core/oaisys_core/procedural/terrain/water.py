@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -38,6 +39,16 @@ class WaterLook:
     waves: float
 
 
+class WaterParts(NamedTuple):
+    """Water as parts of a scene: one prototype and one placement for each pond, in pairs."""
+
+    prototypes: tuple[MeshPrototype, ...]
+    placements: tuple[Placement, ...]
+
+
+NO_WATER = WaterParts((), ())
+
+
 @dataclass(eq=False)
 class Water:
     """The water of a world; the same for all its samples.
@@ -45,40 +56,47 @@ class Water:
     Attributes:
         level_m: Height of the surface.
         semantic_ids: From level 0 on.
-        prototypes, placements: One for each pond, in pairs.
+        look: How it looks.
+        parts: The ponds of the stage.
         wet_bank_m: Height above the level up to which the ground is wet.
     """
 
     level_m: float
     semantic_ids: tuple[int, ...]
-    prototypes: tuple[MeshPrototype, ...]
-    placements: tuple[Placement, ...]
+    look: WaterLook
+    parts: WaterParts
     wet_bank_m: float
-    _joined: tuple[Parts, Parts] | None = field(default=None, repr=False)
+    _joined: tuple[WaterParts, Parts, Parts] | None = field(default=None, repr=False)
 
     def join(
-        self, prototypes: tuple[MeshPrototype, ...], placements: tuple[Placement, ...]
+        self,
+        prototypes: tuple[MeshPrototype, ...],
+        placements: tuple[Placement, ...],
+        beyond: WaterParts = NO_WATER,
     ) -> Parts:
         """Return the parts of a scene with those of the water; identical ones for identical ones.
 
         Backends see by the identity of a scene's parts whether they changed.
+
+        Args:
+            prototypes, placements: Those of the scene without water.
+            beyond: The water on the land around the stage, if that is shown.
         """
         last = self._joined
-        if last is None or last[0][0] is not prototypes or last[0][1] is not placements:
+        if last is not None and last[0] is not beyond:
+            last = None
+        if last is None or last[1][0] is not prototypes or last[1][1] is not placements:
             first = len(prototypes)
-            own = tuple(
-                Placement(first + index, p.semantic_ids, p.T_map_object, p.instance_ids)
-                for index, p in enumerate(self.placements)
-            )
-            if last is not None and last[0][0] is prototypes:
+            water = (*self.parts.placements, *beyond.placements)
+            own = tuple(replace(each, prototype=first + i) for i, each in enumerate(water))
+            if last is not None and last[1][0] is prototypes:
                 # Only objects moved: the water's own parts are as they were.
-                count = len(self.placements)
-                own = last[1][1][len(last[1][1]) - count :] if count else ()
-                whole = last[1][0]
+                own = last[2][1][len(last[2][1]) - len(water) :] if water else ()
+                whole = last[2][0]
             else:
-                whole = (*prototypes, *self.prototypes)
-            last = self._joined = ((prototypes, placements), (whole, (*placements, *own)))
-        return last[1]
+                whole = (*prototypes, *self.parts.prototypes, *beyond.prototypes)
+            last = self._joined = (beyond, (prototypes, placements), (whole, (*placements, *own)))
+        return last[2]
 
 
 def water_on(
@@ -106,7 +124,8 @@ def water_on(
             Placement(number, semantic_ids, T[None], np.array([FIRST_WATER_ID + number], np.uint32))
         )
         prototypes.append(_sheet(f"water_{number + 1}", x_m, y_m, cells, ground, level_m, look))
-    return Water(level_m, semantic_ids, tuple(prototypes), tuple(placements), wet_bank_m)
+    parts = WaterParts(tuple(prototypes), tuple(placements))
+    return Water(level_m, semantic_ids, look, parts, wet_bank_m)
 
 
 def level_from_share(ground: Ground, share: float) -> float:
@@ -144,8 +163,21 @@ def _sheet(
     look: WaterLook,
 ) -> MeshPrototype:
     """Return a level mesh of some cells, whose opacity grows with the depth."""
-    row, col = np.nonzero(cells)
+    used, triangles = sheet_triangles(cells)
     width = len(x_m)
+    xy = np.column_stack((x_m[used % width], y_m[used // width]))
+    depth_m = np.nan_to_num(level_m - ground.height_at(xy), nan=0.0)
+    vertices_m = np.column_stack((xy, np.zeros(len(xy))))
+    return water_mesh(name, vertices_m, triangles, depth_m, look)
+
+
+def sheet_triangles(cells: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Return the corners of (R, C) chosen cells that are used, and (T, 3) triangles of these.
+
+    Corners are numbered row by row, C + 1 in each row.
+    """
+    row, col = np.nonzero(cells)
+    width = cells.shape[1] + 1
     a = row * width + col
     corners = np.vstack(
         (
@@ -154,16 +186,24 @@ def _sheet(
         )
     )
     used, triangles = np.unique(corners, return_inverse=True)
-    xy = np.column_stack((x_m[used % width], y_m[used // width]))
-    depth_m = level_m - ground.height_at(xy)
-    depth_m = np.maximum(np.nan_to_num(depth_m, nan=0.0), 0.0)
-    opacity = 1 - np.exp(-depth_m / look.clarity_m)
+    return used, triangles.reshape(-1, 3).astype(np.int32)
+
+
+def water_mesh(
+    name: str,
+    vertices_m: FloatArray,
+    triangles: NDArray[np.int32],
+    depth_m: FloatArray,
+    look: WaterLook,
+) -> MeshPrototype:
+    """Return water of (V, 3) vertices and (T, 3) triangles, by the (V,) depths below."""
+    opacity = 1 - np.exp(-np.maximum(depth_m, 0.0) / look.clarity_m)
     rgb = np.rint(np.array(look.color_srgb) * 255).astype(np.uint8)
     return MeshPrototype(
         name=name,
-        vertices_m=np.column_stack((xy, np.zeros(len(xy)))).astype(np.float32),
-        triangles=triangles.reshape(-1, 3).astype(np.int32),
+        vertices_m=vertices_m.astype(np.float32),
+        triangles=triangles,
         color_srgb=look.color_srgb,
-        vertex_colors_srgb=np.broadcast_to(rgb, (len(xy), 3)).copy(),
+        vertex_colors_srgb=np.broadcast_to(rgb, (len(vertices_m), 3)).copy(),
         water=WaterSurface(np.rint(opacity * 255).astype(np.uint8), look.waves),
     )

@@ -125,6 +125,8 @@ class MaterialsModule(Module):
             conditions = [layer.config.when for layer in layers]
             land = land_weights(config, material, conditions, world, rng, green)
             material = replace(material, land=land)
+        if (beyond := world.water_beyond()) is not None:
+            material = replace(material, wet_extent_m=beyond.extent_m)
         world.material = material
         for layer in layers:
             world.semantic_labels.update(labels_of(layer.config))

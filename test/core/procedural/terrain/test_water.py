@@ -32,13 +32,13 @@ def test_each_pond_has_its_own_id_and_covers_what_lies_below_the_level() -> None
     ground = two_hollows()
     water = water_on(ground, -0.4, (40,), LOOK, 0.1)
 
-    assert [p.instance_ids.tolist() for p in water.placements] == [
+    assert [p.instance_ids.tolist() for p in water.parts.placements] == [
         [FIRST_WATER_ID], [FIRST_WATER_ID + 1],
     ]  # fmt: skip
     places = np.random.default_rng(0).uniform(-9.9, 9.9, (800, 2))
     below = ground.height_at(places) < -0.4
     covered = np.zeros(len(places), int)
-    for prototype in water.prototypes:
+    for prototype in water.parts.prototypes:
         corners = prototype.vertices_m[prototype.triangles][:, :, :2]
         low, high = corners.min(axis=1), corners.max(axis=1)
         hit = ((places[:, None] >= low) & (places[:, None] <= high)).all(axis=2).any(axis=1)
@@ -48,7 +48,7 @@ def test_each_pond_has_its_own_id_and_covers_what_lies_below_the_level() -> None
     assert (covered[below] == 1).all()
     assert (covered <= 1).all()
     assert (ground.height_at(places[covered > 0]) < 0).all(), "little more than the ponds"
-    left = water.prototypes[0].vertices_m
+    left = water.parts.prototypes[0].vertices_m
     assert left[:, 0].max() < 0, "the larger pond comes first"
 
 

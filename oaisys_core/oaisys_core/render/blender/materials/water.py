@@ -49,7 +49,7 @@ def water_material(prototype: MeshPrototype) -> Any:
     slopes, variance = _ripples(tree, MAX_SLOPE * water.waves)
     leaning = tree.vector("ADD", slopes, _slope_towards_eye(tree, variance))
     # The glossy surface prefers facets that face the eye by itself, Fresnel's law does not.
-    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": _normal(tree, leaning)}).outputs[0]
+    fresnel = tree.add("Fresnel", {"IOR": _ior(tree), "Normal": _normal(tree, leaning)}).outputs[0]
     seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
     # Blender's roughness is the root of alpha, and alpha is sqrt(2) deviations.
     spread = tree.math("MULTIPLY_ADD", variance, 2.0, FINEST_ALPHA**2)
@@ -64,14 +64,40 @@ def water_material(prototype: MeshPrototype) -> Any:
     return result
 
 
-def wet(tree: NodeTree, surface: Socket, bank_m: tuple[float, float]) -> Socket:
-    """Return the ground's surface, dark up to the first height and dry from the second on."""
+def wet(
+    tree: NodeTree,
+    surface: Socket,
+    bank_m: tuple[float, float],
+    extent_m: tuple[float, float, float, float] | None = None,
+) -> Socket:
+    """Return the ground's surface, dark up to the first height and dry from the second on.
+
+    It is dry beyond ``extent_m``, if that is given.
+    """
     low_m, high_m = bank_m
-    height_m = tree.add("SeparateXYZ", {0: tree.add("NewGeometry").outputs["Position"]}).outputs[2]
+    x, y, height_m = tree.add(
+        "SeparateXYZ", {0: tree.add("NewGeometry").outputs["Position"]}
+    ).outputs
     width_m = max(high_m - low_m, 1e-3)
     share = tree.clamp("MULTIPLY_ADD", height_m, -1 / width_m, high_m / width_m)
+    if extent_m is not None:
+        x0, y0, x1, y1 = extent_m
+        for place, first, last in ((x, x0, x1), (y, y0, y1)):
+            from_middle = tree.math("ABSOLUTE", tree.math("SUBTRACT", place, (first + last) / 2))
+            is_inside = tree.math("LESS_THAN", from_middle, (last - first) / 2)
+            share = tree.math("MULTIPLY", share, is_inside)
     black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
     return tree.mix(tree.math("MULTIPLY", share, WET_DARKENING), surface, black)
+
+
+def _ior(tree: NodeTree) -> Socket:
+    """Return the index by which light that leaves the bottom straight on is that which entered.
+
+    From below, Cycles takes its reciprocal: low light would be reflected in full, which has come
+    from above, and the bottom would be black under a sun lower than 41 degrees.
+    """
+    is_below = tree.add("NewGeometry").outputs["Backfacing"]
+    return tree.math("MULTIPLY_ADD", is_below, 1 / IOR - IOR, IOR)
 
 
 def _ripples(tree: NodeTree, slope: float) -> tuple[Socket, Socket]:

@@ -88,7 +88,7 @@ def darken_wet(
 ) -> None:
     """Darken colours at (N, 3) points, in place, up to the first height, and less up to the second.
 
-    The land beyond the stage, ``extent_m``, has no water.
+    There is no water beyond ``extent_m``.
     """
     low_m, high_m = bank_m
     x0, y0, x1, y1 = extent_m

@@ -124,7 +124,8 @@ class GroundTexture:
             fines = None if is_image else FinesColor(weights, self._means)
             add_contact(self.contact, self.driven, xy_m, fines, (color, lean, roughness))
         if self._material.wet_bank_m is not None:
-            darken_wet(self._material.wet_bank_m, self._material.extent_m, points_m, color)
+            extent_m = self._material.wet_extent_m or self._material.extent_m
+            darken_wet(self._material.wet_bank_m, extent_m, points_m, color)
         if self._material.is_lambertian:
             roughness[:] = 0
         through = np.zeros(len(points_m), np.float32)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.procedural.environment.light import level_irradiance_w_m2, sky_irradiance_w_m2
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.raycast.view import View
 from oaisys_core.render.draft.appearance import Floats, normalise
@@ -20,8 +21,11 @@ from oaisys_core.render.shading.ripples import (
     slope_towards_eye,
     variance_not_shown,
 )
-from oaisys_core.scene import Scene
+from oaisys_core.scene import Scene, Sky
 from oaisys_core.types import FloatArray
+
+DIFFUSE_THROUGH = 0.934
+"""Share of diffuse light from above that a level surface of water lets through (Judd 1942)."""
 
 LIFT_M = 1e-3
 """Height above the water at which mirrored rays begin."""
@@ -99,6 +103,15 @@ class WaterMirror:
         normal = np.ones((len(points_m), 3), np.float32)
         normal[:, :2] = slopes
         return normalise(normal)
+
+
+def light_below_water(sky: Sky) -> np.float32:
+    """Return the share of the light on level ground that reaches the bottom of clear water."""
+    of_all_w_m2 = float(level_irradiance_w_m2(sky).sum())
+    of_sky_w_m2 = float(sky_irradiance_w_m2(sky).sum())
+    mirrored = float(fresnel(np.array([max(sky.to_sun[2], 1e-3)], np.float32))[0])
+    sky_share = of_sky_w_m2 / of_all_w_m2 if of_all_w_m2 else 1.0
+    return np.float32(sky_share * DIFFUSE_THROUGH + (1 - sky_share) * (1 - mirrored))
 
 
 def fresnel(cos: Floats) -> Floats:

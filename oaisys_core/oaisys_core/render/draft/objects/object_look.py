@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import linear
+from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.raycast.view import InstanceTable, View
 from oaisys_core.render.draft.appearance import (
@@ -22,6 +23,7 @@ from oaisys_core.render.draft.appearance import (
     zeros,
 )
 from oaisys_core.render.draft.ground.ground_texture import GroundTexture
+from oaisys_core.render.draft.ground.water import light_below_water
 from oaisys_core.render.draft.objects.mesh_hits import MeshHits, alike
 from oaisys_core.render.draft.objects.object_meshes import (
     Instances,
@@ -43,9 +45,6 @@ from oaisys_core.render.shading.looks import (
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
 from oaisys_core.types import FloatArray
-
-BOTTOM_LIGHT = 0.2
-"""Share of light that reaches the bottom of water: in Cycles' pictures, hardly any of the sun's."""
 
 RandomNumbers = Callable[[NDArray[np.uint32]], Floats]
 """Returns the (N,) numbers from 0 to 1 of instances, by which their brightness differs."""
@@ -78,6 +77,9 @@ class ObjectLook:
     def update(self, scene: Scene, ground: GroundTexture) -> None:
         """Take over a changed scene; what did not change is kept."""
         self._scene, self._ground = scene, ground
+        self._below = light_below_water(scene.sky)
+        stage, land = scene.ground, scene.far_ground
+        self._all_ground = stage if land is None else GroundAround(stage, land)
         if self._meshes_of is not scene.prototypes:
             self._meshes_of = scene.prototypes
             self._meshes = ObjectMeshes(scene.prototypes)
@@ -141,7 +143,7 @@ class ObjectLook:
             if kind.water is not None:
                 bottom = self._bottom(view.points_m[at, 0], some)
                 opacity = some.through[:, None]
-                put(color, at, opacity * some.color + BOTTOM_LIGHT * (1 - opacity) * bottom)
+                put(color, at, opacity * some.color + self._below * (1 - opacity) * bottom)
                 through[at] = 0
             elif kind.maps is not None:
                 rock = self._rock(kind.maps, some, has_dust=bool(kind.dust_m))
@@ -199,7 +201,7 @@ class ObjectLook:
     def _bottom(self, points_m: FloatArray, hits: MeshHits) -> Floats:
         """Return the (N, 3) albedo of the ground below points of water."""
         low_m = points_m.copy()
-        low_m[:, 2] = self._scene.ground.height_at(points_m[:, :2])
+        low_m[:, 2] = self._all_ground.height_at(points_m[:, :2])
         return self._ground.at(np.nan_to_num(low_m), hits.normal, hits.footprint_m).albedo
 
     def _rock(

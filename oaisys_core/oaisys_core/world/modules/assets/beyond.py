@@ -17,10 +17,11 @@ from oaisys_core.procedural.scatter.beyond_stage import (
     plant_places_beyond,
 )
 from oaisys_core.procedural.scatter.ground_pose import footprint_of
-from oaisys_core.procedural.scatter.groups import poses_at
+from oaisys_core.procedural.scatter.groups import WADING_M, poses_at
 from oaisys_core.procedural.scatter.ids import IdBlock
 from oaisys_core.procedural.scatter.placement import poses_on, rim_m, slope_deg
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
+from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
 from oaisys_core.scene import MeshPrototype, Placement, TerrainMaterial
 from oaisys_core.types import FloatArray
 from oaisys_core.world.modules.assets.rocks import height_share
@@ -56,17 +57,24 @@ def plants_beyond(
     material: TerrainMaterial | None,
     rng: np.random.Generator,
     next_prototype: int,
+    water: WaterBeyond | None,
 ) -> tuple[list[MeshPrototype], list[Placement]]:
     """Return plants on the land like those of a stage: new prototypes, and placements.
 
     Args:
         next_prototype: Index that the first new prototype will have.
+        water: On the land, in which few plants stand.
     """
     T_map_object, shape_of = plants.T_map_object, plants.shape_of
     sizes_m = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
-    found = plant_places_beyond(
-        group, T_map_object[:, :2, 3], sizes_m, ground, material, randomness.child(rng, "places")
-    )
+    wading_m = WADING_M.get(group.shape or "", 0.0)
+
+    def is_dry(xy_m: FloatArray) -> NDArray[np.bool_]:
+        return np.ones(len(xy_m), bool) if water is None else ~water.covers(xy_m, wading_m)
+
+    places = randomness.child(rng, "places")
+    xy_m = T_map_object[:, :2, 3]
+    found = plant_places_beyond(group, xy_m, sizes_m, ground, material, places, is_dry)
     shape_of, sizes_m = shape_of[found.like], sizes_m[found.like]
     footprints = np.array([footprint_of(shape) for shape in plants.shapes])[shape_of]
     turns = randomness.child(rng, "turns")

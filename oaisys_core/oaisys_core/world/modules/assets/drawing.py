@@ -25,6 +25,7 @@ from oaisys_core.procedural.scatter.ids import (
 )
 from oaisys_core.procedural.scatter.trajectories import make_trajectory
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
+from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
 from oaisys_core.scene import (
     Ground,
     MeshPrototype,
@@ -93,6 +94,7 @@ class Site(NamedTuple):
         material: Of the ground, if objects lie where a layer does; else None.
         land: Around the stage, if anything stands on it; else None.
         water_m: Level of the water on the stage; None: there is none.
+        water_beyond: On that land; it follows from land and level.
     """
 
     ground: Ground
@@ -100,6 +102,7 @@ class Site(NamedTuple):
     land: FarGround | None
     water_m: float | None
     georeference: Georeference | None
+    water_beyond: WaterBeyond | None
 
     def is_same(self, other: Site) -> bool:
         """Return whether the other has the identical ground, material and land, and the water."""
@@ -218,8 +221,9 @@ class AssetGenerator:
         rng: np.random.Generator,
     ) -> None:
         """Add what a group has on the land around the stage."""
+        material, water = self._site.material, self._site.water_beyond
         shapes, placements = plants_beyond(
-            group, plants, ids, around, self._site.material, rng, len(self._prototypes)
+            group, plants, ids, around, material, rng, len(self._prototypes), water
         )
         self._prototypes.extend(shapes)
         self._placements.extend(

@@ -164,7 +164,8 @@ class AssetsModule(Module):
         """Draw all objects, or return those of the last batch if they would be the same."""
         water_m = None if world.water is None else world.water.level_m
         land, georeference = self._land(world), world.georeference
-        site = Site(require(world.ground), material, land, water_m, georeference)
+        beyond = None if land is None else world.water_beyond()
+        site = Site(require(world.ground), material, land, water_m, georeference, beyond)
         before = rng.bit_generator.state
         last = self._last
         if last and last.site.is_same(site) and (last.metadata, last.before) == (metadata, before):

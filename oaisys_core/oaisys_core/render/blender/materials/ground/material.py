@@ -131,8 +131,9 @@ class GroundMaterials:
             }
             mean = tree.add("BsdfDiffuse", inputs).outputs[0]
             surface = without_detail(tree, surface, mean)
-        if self._material.wet_bank_m is not None and not land_masks:
-            surface = wet(tree, surface, self._material.wet_bank_m)
+        extent_m = self._material.wet_extent_m if land_masks else None
+        if self._material.wet_bank_m is not None and (extent_m or not land_masks):
+            surface = wet(tree, surface, self._material.wet_bank_m, extent_m)
         height_m = None
         if detail is not None:
             height_m = land_relief(tree, detail, self._material.extent_m)
