@@ -34,7 +34,8 @@ class BagLosses:
         incomplete: Those of them of which a message is missing.
         lost: Number of samples whose message is missing, by topic.
         lost_by_middleware: Messages that the middleware reports as lost, by topic.
-        unwritten: Messages that were received, but too late for its longest end, by topic.
+        unwritten: Messages that were received, but too late for its longest end, or that could not
+            be written, by topic.
     """
 
     announced: int = 0

@@ -111,11 +111,17 @@ class BagWriter:
         """Messages written so far."""
         return sum(self._counts.values())
 
+    @property
+    def is_there(self) -> bool:
+        """Whether what was written is where it was written to."""
+        return self._file.path.is_file()
+
     def add_topic(self, topic: RecordedTopic) -> None:
         """Add a topic, once.
 
         Raises:
             NotFoundError: Its type is not installed here.
+            OSError: It cannot be written.
         """
         if topic.name in self._topics:
             return
@@ -139,10 +145,12 @@ class BagWriter:
 
         Raises:
             NotFoundError: The topic was not added.
-            OSError: It cannot be written, or there would be no room left to close the bag.
+            OSError: It cannot be written, or there would be no room left to close the bag; or its
+                file was deleted, moved, replaced or cut.
         """
         if topic not in self._topics:
             raise NotFoundError(f"the bag has no topic {topic}")
+        self._file.require_whole()
         self._require_room(len(data))
         _, channel = self._topics[topic]
         self._file.add_message(channel, received_ns, data, published_ns)
@@ -181,6 +189,7 @@ class BagWriter:
         information = bag_information(contents, self._distribution, custom)
         text = yaml.safe_dump(information, sort_keys=False)
         try:
+            self._file.require_whole()
             if custom is not None:
                 self._file.add_metadata(METADATA_NAME, custom)
             self._file.add_metadata("rosbag2", {"serialized_metadata": text})

@@ -89,6 +89,7 @@ class BackPressure:
         self._changed = threading.Condition()
         self._readers: dict[ReaderKey, _Reader] = {}
         self._gone: dict[ReaderKey, str] = {}
+        self._ended: dict[ReaderKey, tuple[int, _Reader]] = {}
         self._number = 0
         self._subscription = node.create_subscription(
             SampleReceipt,
@@ -145,6 +146,11 @@ class BackPressure:
         """Return a sentence for each reader that is behind, has gone, or lost messages since."""
         with self._changed:
             found = [sentence for key, sentence in self._gone.items() if key in before]
+            for key, (taken, reader) in self._ended.items():
+                if key in before and taken < self._number:
+                    found.append(f"{reader.label} had ended before the last sample")
+                if key in before and (lost := shortfall(reader.state.since(before[key]))):
+                    found.append(f"{reader.label}: {lost}")
             for key, reader in self._readers.items():
                 in_flight = 0 if self._waits else WINDOW
                 if len(reader.owed) > in_flight:
@@ -237,6 +243,12 @@ class BackPressure:
         self._gone[key] = f"{reader.label} has gone without a word{behind}"
         self._node.get_logger().warning(f"{self._gone[key]}: it is no longer one of the readers")
 
+    def _note_end(self, key: ReaderKey, receipt: SampleReceipt) -> None:
+        """Note up to which sample a reader that ends has taken all, and what it has lost."""
+        reader = self._readers.pop(key)
+        reader.state = state_of(receipt)
+        self._ended[key] = (reader.owed[0][0] - 1 if reader.owed else self._number), reader
+
     def _new_reader(self, node: str) -> _Reader:
         labels = {reader.label for reader in self._readers.values()}
         others = (f"{node} ({number})" for number in count(2))
@@ -246,7 +258,8 @@ class BackPressure:
         key = receipt.node, receipt.instance
         with self._changed:
             if receipt.ended:
-                self._readers.pop(key, None)
+                if key in self._readers:
+                    self._note_end(key, receipt)
                 self._changed.notify_all()
                 return
             if key not in self._readers:

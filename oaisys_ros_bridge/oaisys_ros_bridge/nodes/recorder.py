@@ -73,15 +73,18 @@ class RecorderNode(ParameterNode, Node):
     waits, in the bag, and in its last line.
 
     Once it is subscribed to all requested topics (or to all that exist), it prints ``recording:
-    PATH`` and publishes true on the latched ``~/recording``. A full disk ends the recording with
-    one error; the bag is closed, the node goes on.
+    PATH`` and publishes true on the latched ``~/recording``. Where the bag cannot be written, as on
+    a full disk, recording ends with one error: what comes until the bag is closed is counted.
+
+    Attributes:
+        fault: Why the bag could not be written, or not be closed; empty: it could.
     """
 
     def __init__(self, stop: threading.Event, **defaults: Any) -> None:
         """Begin to record.
 
         Args:
-            stop: Set after ``duration_s``.
+            stop: Set after ``duration_s``, and where the bag cannot be written.
             defaults: Of the parameters, instead of the table's.
 
         Raises:
@@ -95,6 +98,8 @@ class RecorderNode(ParameterNode, Node):
         self._folder = user_path(name, "path")
         require_free_space(self._folder)
         self._bag = BagWriter(self._folder)
+        self._stop = stop
+        self.fault = ""
         self._bag_lock = threading.Lock()
         self._subscribed: dict[str, Subscription] = {}
         self._wire = WireNames(self)
@@ -127,9 +132,17 @@ class RecorderNode(ParameterNode, Node):
                 # Callbacks may still run until the executor has ended.
                 if not self._has_ended:
                     self._end()
-        lost = "; ".join(self._losses.sentences)
-        told = f"{self._bag.message_count} messages in {self._folder}; {lost}"
-        if self._losses.any:
+        self._tell()
+
+    def _tell(self) -> None:
+        """Say what the bag holds, and what it lacks."""
+        written = f"{self._bag.message_count} messages in {self._folder}"
+        if not self._bag.is_there:
+            written = f"nothing is left in {self._folder}"
+        told = "; ".join([written, *self._losses.sentences])
+        if self.fault:
+            self.get_logger().error(f"{told}; the recording has failed: {self.fault}")
+        elif self._losses.any:
             self.get_logger().warning(told)
         else:  # rclpy wants a line of its own for each severity
             self.get_logger().info(told)
@@ -139,7 +152,11 @@ class RecorderNode(ParameterNode, Node):
         self._end_asked_ns = time.time_ns()
         end_s = time.monotonic() + LONGEST_END_S
         quiet_looks = 0
-        while time.monotonic() < end_s and (quiet_looks < QUIET_LOOKS or self._samples.is_any_open):
+        while (
+            not self.fault
+            and time.monotonic() < end_s
+            and (quiet_looks < QUIET_LOOKS or self._samples.is_any_open)
+        ):
             before = self._written_at_end
             self._take_waiting()
             time.sleep(END_LOOK_S)
@@ -177,6 +194,8 @@ class RecorderNode(ParameterNode, Node):
 
     def _discover(self) -> None:
         """Subscribe to new topics, and report once all of them are there."""
+        if self.fault:
+            return
         has_found = False
         for name, (type_name, *_) in self.get_topic_names_and_types():
             if type_name == SAMPLE_INFO_TYPE and self._selection.is_near(name):
@@ -235,10 +254,15 @@ class RecorderNode(ParameterNode, Node):
         try:
             message_type = message_class(type_name)
             with self._bag_lock:
+                if self._has_ended:
+                    return
                 self._bag.add_topic(describe_topic(name, type_name, publishers))
         except NotFoundError as error:
             self._not_installed.add(name)
             self.get_logger().warning(f"{name} is not recorded: {error}")
+            return
+        except OSError as error:
+            self._give_up(str(error))
             return
         if (read_stamp := stamp_reader(message_type)) is not None:
             self._stamp_readers[name] = read_stamp
@@ -270,7 +294,7 @@ class RecorderNode(ParameterNode, Node):
             self._samples.count_missing(name, info["publication_sequence_number"])
         was_before_end = info["source_timestamp"] <= self._end_asked_ns
         with self._bag_lock:
-            if self._is_late:
+            if self._is_late or self.fault:
                 self._unwritten[name] += was_before_end
                 return
             if self._has_ended:
@@ -279,6 +303,7 @@ class RecorderNode(ParameterNode, Node):
             try:
                 self._bag.write(name, data, received_ns, info["source_timestamp"])
             except OSError as error:
+                self._unwritten[name] += 1
                 self._give_up(str(error))
                 return
         # A bridge repeats its transforms without end.
@@ -292,22 +317,19 @@ class RecorderNode(ParameterNode, Node):
         self._has_ended = True
         self._samples.give_up_all()
         self._samples.end()
-        self._close_bag()
-
-    def _give_up(self, reason: str) -> None:
-        """Close the bag because it cannot be written any more."""
-        self._has_ended = True
-        self._samples.end()
-        self._recording.publish(Bool(data=False))
-        self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
-        self._close_bag()
-
-    def _close_bag(self) -> None:
         self._losses = self._samples.losses(self._unwritten)
         try:
             self._bag.close(self._losses)
         except OSError as error:
+            self.fault = self.fault or str(error)
             self.get_logger().error(f"{self._folder} has no summary: {error}")
+
+    def _give_up(self, reason: str) -> None:
+        """Write nothing more, because that is impossible, and have the program end."""
+        self.fault = reason
+        self._recording.publish(Bool(data=False))
+        self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
+        self._stop.set()
 
 
 def require_free_space(folder: Path) -> None:
@@ -321,7 +343,7 @@ def require_free_space(folder: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record until SIGINT or SIGTERM."""
+    """Record until SIGINT, SIGTERM or a write error."""
     parser = node_parser("recorder")
     parser.add_argument("--out", default="", help="folder of the bag; new or empty")
     parser.add_argument("--topics", nargs="*", default=(), help="topics to record; default: all")
@@ -333,9 +355,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run_recorder(arguments: Sequence[str], **defaults: Any) -> int:
-    """Record until SIGINT, SIGTERM or ``duration_s``; ``defaults`` are those of parameters."""
+    """Record until SIGINT, SIGTERM, ``duration_s`` or a write error, after which it returns 1.
+
+    Args:
+        arguments: Of the program, with its name.
+        defaults: Of parameters.
+    """
     stop = threading.Event()
-    return run_node(lambda: RecorderNode(stop, **defaults), arguments, stop=stop)
+    recorders: list[RecorderNode] = []
+
+    def make_node() -> RecorderNode:
+        recorders.append(RecorderNode(stop, **defaults))
+        return recorders[-1]
+
+    code = run_node(make_node, arguments, stop=stop)
+    return code or int(any(recorder.fault for recorder in recorders))
 
 
 if __name__ == "__main__":

@@ -191,7 +191,8 @@ RECORDER_INTERFACES = (
         InterfaceKind.PUBLISHED,
         "~/recording",
         "std_msgs/msg/Bool",
-        "Whether all requested topics are being recorded; false once the disk is full.",
+        "Whether all requested topics are being recorded; false once the bag cannot be written, "
+        "as on a full disk: the recorder then ends with exit code 1.",
         LATCHED,
     ),
 )

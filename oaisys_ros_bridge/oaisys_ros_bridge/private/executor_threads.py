@@ -9,6 +9,7 @@ Lost without it: a silent end; callbacks under way may find their publishers des
 from __future__ import annotations
 
 import threading
+import warnings
 from functools import partial
 from typing import Any
 
@@ -17,6 +18,9 @@ from oaisys_core.system.fallbacks import report_fallback
 POOL = "_executor"
 """Attribute of an executor."""
 
+DROPPED = r"coroutine 'Executor\._make_handler"
+"""How Python begins to warn of a callback that was dropped before it began."""
+
 
 def wait_for_threads(executor: Any, timeout_s: float) -> bool:
     """Return whether all callbacks under way have ended within ``timeout_s``.
@@ -24,6 +28,7 @@ def wait_for_threads(executor: Any, timeout_s: float) -> bool:
     Callbacks that wait for a thread are dropped: they would find the executor's handles
     destroyed ("cannot use Destroyable").
     """
+    warnings.filterwarnings("ignore", DROPPED, RuntimeWarning)
     pool = getattr(executor, POOL, None)
     if pool is None:
         instead = "callbacks that still run at a node's end may write errors"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
 import signal
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +31,7 @@ from waiting import wait_until
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.losses import BagLosses
+from oaisys_ros_bridge.bags.mcap_format import mcap_writer
 from oaisys_ros_bridge.bags.mcap_format.message_definition import (
     field_types,
     message_definition,
@@ -167,6 +171,66 @@ def started_ros(ros_domain_id: int) -> Iterator[None]:
     rclpy.init()
     yield
     rclpy.try_shutdown()
+
+
+@pytest.mark.ros
+def test_what_comes_after_a_write_error_is_counted_and_nothing_more_is_found(
+    started_ros: None, stage: Stage, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """It was dropped without a word, and "all is well" was the last line."""
+    bag, stop, create = tmp_path / "bag", threading.Event(), stage.user.node.create_publisher
+    publisher = create(Imu, "imu/data_raw", MOTION_QOS)
+    recorder = RecorderNode(stop, path=str(bag), topics=["imu/data_raw"], all=True)
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+
+    def spin_until(condition: Callable[[], bool]) -> None:
+        wait_until(condition, pause=lambda: executor.spin_once(timeout_sec=0.05))
+
+    spin_until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(Imu())
+    spin_until(lambda: recorder._bag.message_count >= 1)
+    shutil.rmtree(bag)
+    for _ in range(3):
+        publisher.publish(Imu())
+    spin_until(stop.is_set)
+    create(Image, "later/image_raw", SENSOR_QOS)
+    spin_until(lambda: recorder.count_publishers("later/image_raw") == 1)
+    recorder._discover()
+    publisher.publish(Imu())
+
+    recorder.close()
+    executor.shutdown()
+    recorder.destroy_node()
+
+    assert "No such file" in recorder.fault
+    assert recorder._losses.unwritten["/imu/data_raw"] == 4
+    last = capfd.readouterr().err.splitlines()[-1]
+    assert f"nothing is left in {bag}; 0 samples" in last
+    assert "the end came before messages of /imu/data_raw 4" in last
+    assert f"the recording has failed: {recorder.fault}" in last
+
+
+@pytest.mark.ros
+def test_a_topic_that_cannot_be_added_ends_the_recording_in_words(
+    started_ros: None, stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The node ended with a traceback."""
+    stop = threading.Event()
+    publisher = stage.user.node.create_publisher(Imu, "imu/data_raw", MOTION_QOS)
+    recorder = RecorderNode(stop, path=str(tmp_path / "bag"), topics=["imu/data_raw"])
+
+    def refuse(_file: FileIO, _data: bytes) -> None:
+        raise OSError(errno.EDQUOT, "Disk quota exceeded")
+
+    monkeypatch.setattr(mcap_writer, "_write_all", refuse)
+    wait_until(lambda: recorder.count_publishers(publisher.topic_name) == 1)
+    recorder._discover()
+    recorder.close()
+    recorder.destroy_node()
+
+    assert stop.is_set()
+    assert "Disk quota exceeded" in recorder.fault
 
 
 @pytest.mark.ros

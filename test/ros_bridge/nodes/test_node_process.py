@@ -25,7 +25,7 @@ def context(ros_domain_id: int) -> Iterator[Context]:
 
 
 def test_a_callback_that_has_no_thread_yet_is_dropped_in_silence(
-    context: Context, capfd: pytest.CaptureFixture[str]
+    context: Context, capfd: pytest.CaptureFixture[str], recwarn: pytest.WarningsRecorder
 ) -> None:
     node = Node("ending", context=context)
     executor = WaitingExecutor(num_threads=1, context=context)
@@ -46,3 +46,4 @@ def test_a_callback_that_has_no_thread_yet_is_dropped_in_silence(
 
     assert not called.is_set()
     assert "never retrieved" not in capfd.readouterr().err
+    assert [str(each.message) for each in recwarn if "never awaited" in str(each.message)] == []

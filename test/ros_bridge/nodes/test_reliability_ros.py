@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -133,7 +134,7 @@ def oblique(index: int) -> Pose:
 
 
 def record_until_full(stage: Stage, folder: Path, inject: Callable[[NodeProcess], None]) -> None:
-    """Record three samples, and then some on a disk that is full."""
+    """Record three samples, and then some that cannot be written."""
     user = stage.user
     recording: list[Bool] = user.received["oaisys_recorder/recording"]
     recording.clear()
@@ -148,15 +149,19 @@ def record_until_full(stage: Stage, folder: Path, inject: Callable[[NodeProcess]
     for index in range(3, 6):
         assert user.set_pose(oblique(index)).success
     user.wait_until(lambda: not recording[-1].data)
-    assert recorder.process.poll() is None
-    assert recorder.end() == 0
+    assert recorder.process.wait(PATIENCE_S) == 1
     said = recorder.log.read_text()
     assert said.count("has ended:") == 1
+    last = said.splitlines()[-1]
+    assert "the recording has failed: " in last
+    assert f"the end came before messages of /{DEPTH} " in last
     assert "Traceback" not in said
 
 
 @pytest.mark.long
-def test_a_full_disk_ends_the_recording_alone(stage: Stage, tmp_path: Path) -> None:
+def test_a_bag_that_cannot_be_written_ends_the_recording_alone(
+    stage: Stage, tmp_path: Path
+) -> None:
     user = stage.user
     user.listen(Image, DEPTH, SENSOR_QOS)
     user.listen(Bool, "oaisys_recorder/recording", LATCHED_QOS)
@@ -170,6 +175,9 @@ def test_a_full_disk_ends_the_recording_alone(stage: Stage, tmp_path: Path) -> N
         full = tmp_path / "disk" / "full"
         record_until_full(stage, full, lambda _: fill(tmp_path / "disk"))
         assert recover(full / "full_0.mcap", tmp_path / "saved_too") >= 3
+    gone = tmp_path / "gone"
+    record_until_full(stage, gone, lambda _: shutil.rmtree(gone))
+    assert f"nothing is left in {gone}" in (tmp_path / "recorder.log").read_text()
 
 
 def test_a_recording_is_not_begun_where_there_is_no_room(stage: Stage) -> None:

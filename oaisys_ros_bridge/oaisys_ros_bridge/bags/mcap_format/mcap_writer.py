@@ -7,6 +7,8 @@ the package ``mcap`` keeps it in memory.
 
 from __future__ import annotations
 
+import errno
+import os
 import struct
 import tempfile
 import zlib
@@ -85,6 +87,18 @@ class McapWriter:
     def summary_length(self) -> int:
         """Bytes that `finish` will write, or a few less."""
         return self._index_length + self._repeated_length
+
+    def require_whole(self) -> None:
+        """Raise `OSError` where the file was deleted, moved, replaced or cut by somebody else.
+
+        What is written into it then is lost without an error.
+        """
+        found, own = self.path.stat(), os.fstat(self._file.fileno())
+        if not os.path.samestat(found, own):
+            raise FileNotFoundError(errno.ENOENT, "another file has its name", str(self.path))
+        if own.st_size < self._length:
+            cut = f"cut to {own.st_size} of {self._length} bytes by somebody else"
+            raise OSError(errno.EIO, cut, str(self.path))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema and return its id."""
