@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Mapping
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -308,6 +308,14 @@ def _quat_wxyz(T_map_camera: FloatArray) -> FloatArray:
 
 def _look_from(client: Any, T_map_camera: FloatArray) -> None:
     """Move the browser's camera to the pose of a camera."""
-    with client.atomic():
-        client.camera.position = T_map_camera[:3, 3]
-        client.camera.look_at = T_map_camera[:3, 3] + 5.0 * T_map_camera[:3, 2]
+    send_camera(client, T_map_camera[:3, 3], T_map_camera[:3, 3] + 5.0 * T_map_camera[:3, 2])
+
+
+def send_camera(client: Any, position_m: FloatArray, look_at_m: FloatArray) -> None:
+    """Have a browser look from a (3,) point at another one.
+
+    It stays where it is if it says at that very moment that it is where it is to look.
+    """
+    with client.atomic(), suppress(ValueError):
+        client.camera.position = position_m
+        client.camera.look_at = look_at_m

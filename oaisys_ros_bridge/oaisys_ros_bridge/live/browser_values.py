@@ -11,12 +11,10 @@ import viser.transforms
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
+from oaisys_mapping.report.browser_messages import MAX_COORDINATE_M
 
 MAX_ASPECT = 20.0
 """Of a window, and 1 over it; the picture's bars are as long as the window at most."""
-
-MAX_COORDINATE_M = 1e7
-"""Of where a browser looks."""
 
 MAX_TEXT = 200
 """Letters of a field."""

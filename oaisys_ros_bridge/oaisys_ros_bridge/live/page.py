@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from oaisys_core.files.markdown import escape_markdown
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.report.pictures import label_color
-from oaisys_mapping.report.web_viewer import PosedImages, WebViewer, side_pictures
+from oaisys_mapping.report.web_viewer import (
+    PosedImages,
+    WebViewer,
+    send_camera,
+    side_pictures,
+)
 from oaisys_ros_bridge.live.browser_values import aspect_of, pose_of
 from oaisys_ros_bridge.live.desk import BrowserView, Desk, Request
 from oaisys_ros_bridge.live.driver_panel import DriverPanel
@@ -224,9 +229,8 @@ class LivePage:
         if self._pose is None:
             return
         place_m, forward = self._pose[:3, 3], self._pose[:3, 2]
-        with client.atomic():
-            client.camera.position = place_m - 6.0 * forward + np.array((0.0, 0.0, 6.0))
-            client.camera.look_at = place_m + 3.0 * forward
+        above_m = place_m - 6.0 * forward + np.array((0.0, 0.0, 6.0))
+        send_camera(client, above_m, place_m + 3.0 * forward)
 
     def _take_view(self, client: viser.ClientHandle, camera: viser.CameraHandle) -> None:
         """Post where the driver's browser looks."""
@@ -265,9 +269,7 @@ class LivePage:
         is_there = at is None or np.linalg.norm(at.look_at_m - pivot_m) <= ECHO_TOLERANCE_M
         self._sent_from_m = None if at is None or is_there else at.look_at_m
         self._pivot_m = pivot_m
-        with client.atomic():
-            client.camera.position = pivot_m - PIVOT_M * forward
-            client.camera.look_at = pivot_m
+        send_camera(client, pivot_m - PIVOT_M * forward, pivot_m)
 
     def _draw_background(self, client: viser.ClientHandle) -> None:
         if self._picture is None or self._camera is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -21,6 +22,10 @@ def change(**updates: Any) -> dict[str, Any]:
     return {"type": "GuiUpdateMessage", "uuid": "x", "updates": updates}
 
 
+def camera(**changes: Any) -> dict[str, Any]:
+    return {"type": "ViewerCameraMessage", **CAMERA, **changes}
+
+
 NESTED: Any = 1
 for _ in range(200):
     NESTED = [NESTED]
@@ -38,6 +43,15 @@ for _ in range(200):
         ({"type": "GuiUpdateMessage", "updates": 7}, "a change of 7"),
         (change(value=NESTED), "expected a number or a text"),
         (change(value="x" * (MAX_TEXT + 1)), f"a text of {MAX_TEXT + 1} letters"),
+        (camera(look_at=(math.nan, 0.0, 3.0)), "a camera with look_at [nan, 0.0, 3.0], expected 3"),
+        (camera(position=(0.0, -math.inf, 3.0)), "a camera with position [0.0, -inf, 3.0]"),
+        (camera(position=(1e8, 0.0, 3.0)), "expected 3 numbers up to 1e+07"),
+        (camera(position=(0.0, 3.0)), "a camera with position [0.0, 3.0]"),
+        (camera(look_at="abc"), "a camera with look_at 'abc'"),
+        (camera(look_at=CAMERA["position"]), "a camera at the point that it looks at"),
+        (camera(up_direction=(0.0, 0.0, 0.0)), "a camera with up_direction [0.0, 0.0, 0.0]"),
+        (camera(up_direction=None), "a camera with up_direction None"),
+        (camera(wxyz=(math.nan,) * 4), "a camera with wxyz [nan, nan, nan, nan], expected 4"),
     ],
 )
 def test_what_the_page_does_not_use_is_dropped_for_a_reason(
@@ -49,7 +63,9 @@ def test_what_the_page_does_not_use_is_dropped_for_a_reason(
 @pytest.mark.parametrize(
     "message",
     [
-        {"type": "ViewerCameraMessage", **CAMERA},
+        camera(),
+        camera(position=(0, 0, 3), look_at=(0, 0, 0)),
+        camera(image_width=0, image_height=0),
         {"type": "SceneNodeClickMessage", "name": "/cameras/1.1 camera"},
         change(value=True),
         change(value="x" * MAX_TEXT),

@@ -260,6 +260,8 @@ def test_what_no_browser_says_does_not_end_the_page(tmp_path):
         for number, changes in enumerate(hostile_cameras()):
             driver.look(look_at=(0.1 + number, 0.0, 3.0))
             driver.look(**changes)
+            window = ("map", "picture")[number % 2]
+            driver.set_value("window shows", window, START_PATIENCE_S)
         for label, values in HOSTILE_VALUES.items():
             for value in values:
                 driver.set_value(label, value, START_PATIENCE_S)
