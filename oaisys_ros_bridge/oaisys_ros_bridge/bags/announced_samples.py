@@ -87,6 +87,11 @@ class AnnouncedSamples:
         if missing and self._wire.count_publishers(topic) == 1:
             self.lost_by_middleware[topic] += missing
 
+    def hear_newest(self, timeout_s: float) -> None:
+        """Wait for the announcements of all samples so far, by what each bridge says."""
+        for watch in self._watches.values():
+            watch.hear_newest(timeout_s)
+
     def give_up_all(self) -> None:
         """Count what has not been received as lost."""
         for watch in self._watches.values():

@@ -6,7 +6,6 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import count
 
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -17,6 +16,7 @@ from std_msgs.msg import Header, String
 from oaisys_core.errors import NotReadyError
 from oaisys_core.types import DriveInstant, Sample, SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
+from oaisys_msgs.srv import GetNewestSample
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.stamps import Stamps
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
@@ -24,6 +24,7 @@ from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
 from oaisys_ros_bridge.publishing.sample_info import batch_info_msg
 from oaisys_ros_bridge.publishing.sample_publisher import (
+    Announcements,
     Publication,
     SamplePublisher,
 )
@@ -49,7 +50,7 @@ class WorldTopics:
         self._stamps: Stamps | None = None
         self._repeater: Timer | None = None
         self._announced: tuple[str, int, int] | None = None
-        self._numbers = count(1)
+        self._announcements = Announcements()
         self._is_rendering = False
         self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self._configuration = node.create_publisher(String, "~/configuration", LATCHED_QOS)
@@ -65,7 +66,7 @@ class WorldTopics:
             if self._samples is not None:
                 self._samples.destroy()
             self._samples = SamplePublisher(
-                self._node, info, self._settings, self._numbers, now=self.now
+                self._node, info, self._settings, self._announcements, now=self.now
             )
             if self._repeater is None and (rate_hz := self._settings()["tf_rate"]):
                 group = MutuallyExclusiveCallbackGroup()
@@ -100,6 +101,11 @@ class WorldTopics:
                 self._samples.rig.publish_start(
                     info.rig_pose, self._stamps.between(), drifts=drifts or info.odometry_drifts
                 )
+
+    @property
+    def newest_sample(self) -> GetNewestSample.Response:
+        """The sample that was announced last."""
+        return self._announcements.newest
 
     @contextmanager
     def rendering(self) -> Iterator[None]:

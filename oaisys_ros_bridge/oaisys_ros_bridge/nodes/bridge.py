@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import IdleMemory, keep_freed_memory
-from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
+from oaisys_msgs.srv import GetNewestSample, SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.bridge.back_pressure import BackPressure
 from oaisys_ros_bridge.bridge.drives import drive_server
 from oaisys_ros_bridge.bridge.ground_services import GroundServices
@@ -239,6 +239,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             (StepBatch, "~/step_batch", self._on_step_batch),
             (SetMetadata, "~/set_metadata", self._on_set_metadata),
             (Trigger, "~/end_simulation", self._on_end_simulation),
+            (GetNewestSample, "~/get_newest_sample", lambda *_: self._topics.newest_sample),
         )
         for kind, name, callback in offered:
             self._node_services.offer(kind, name, callback)

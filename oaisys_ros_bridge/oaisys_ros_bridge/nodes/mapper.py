@@ -45,6 +45,9 @@ if TYPE_CHECKING:
 VOLUME_SUFFIX = ".npz"
 """Suffix with which ``~/save_mesh`` writes the whole volume instead of its mesh."""
 
+ANSWER_S = 3.0
+"""For the bridge to say which sample is the last."""
+
 EVALUATION_SEED = 0
 """Of the random points that are measured: the same map gets the same figures."""
 
@@ -71,6 +74,7 @@ class MapperNode(ParameterNode, Node):
         values = self.declare_table(MAPPER)
         self._config = tsdf_config(values)
         self._metrics_json = ""
+        self._unheard = ""
         self._before_map = LedgerState()
         self._warned = 0
         self._published_status: MapStatus | None = None
@@ -215,7 +219,7 @@ class MapperNode(ParameterNode, Node):
         """
         timeout_s = self.parameters["settle_timeout"]
         end_s = time.monotonic() + timeout_s
-        self._inputs.take_announcements()
+        self._hear_announcements()
         missing = self._samples.ledger.wait(timeout_s)
         if missing:
             raise DeadlineExceededError(
@@ -225,11 +229,20 @@ class MapperNode(ParameterNode, Node):
         with self._fusion.settle(max(end_s - time.monotonic(), 0.0)) as volume:
             yield volume
 
+    def _hear_announcements(self) -> None:
+        """Take the announcements of all samples so far, or note why some may be missing."""
+        self._inputs.take_announcements()
+        self._unheard = self._samples.hear_newest(ANSWER_S)
+
     @property
     def _shortfall(self) -> str:
-        return shortfall(self._samples.state.since(self._before_map))
+        lost = shortfall(self._samples.state.since(self._before_map))
+        return "; ".join(filter(None, (lost, self._unheard)))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        # What comes later of a sample so far would be the first of the new map.
+        self._hear_announcements()
+        self._samples.ledger.wait(self.parameters["settle_timeout"])
         self._inputs.clear()
         self._forget_map()
         response.success = True

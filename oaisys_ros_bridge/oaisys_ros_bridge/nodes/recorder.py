@@ -47,6 +47,8 @@ DISCOVERY_PERIOD_S = 0.25
 QUIET_LOOKUPS = 6
 """After this many look-ups without a new topic, all that exist count as found. Discovery does not
 say when it is complete: only of requested topics it is certain that they are recorded by then."""
+ANSWER_S = 1.0
+"""For a bridge, which may end at the same signal, to say which sample is the last."""
 END_LOOK_S, QUIET_LOOKS = 0.02, 25
 """At the end, recording goes on until all messages of every announced sample are there. The end of
 other topics is not announced: recording also goes on until so many looks, at least this long after
@@ -136,10 +138,11 @@ class RecorderNode(ParameterNode, Node):
 
     def _tell(self) -> None:
         """Say what the bag holds, and what it lacks."""
-        written = f"{self._bag.message_count} messages in {self._folder}"
-        if not self._bag.is_there:
-            written = f"nothing is left in {self._folder}"
-        told = "; ".join([written, *self._losses.sentences])
+        told = f"{self._bag.message_count} messages in {self._folder}"
+        if self._bag.is_there:
+            told = "; ".join([told, *self._losses.sentences])
+        else:
+            told = f"{told} are gone with its file"
         if self.fault:
             self.get_logger().error(f"{told}; the recording has failed: {self.fault}")
         elif self._losses.any:
@@ -151,6 +154,8 @@ class RecorderNode(ParameterNode, Node):
         """Record what was published before the end was asked for, as long as there is time."""
         self._end_asked_ns = time.time_ns()
         end_s = time.monotonic() + LONGEST_END_S
+        if not self.fault:
+            self._samples.hear_newest(ANSWER_S)
         quiet_looks = 0
         while (
             not self.fault

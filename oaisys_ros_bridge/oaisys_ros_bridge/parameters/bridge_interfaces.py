@@ -175,6 +175,13 @@ _REQUESTS = (
     ),
     Interface(
         InterfaceKind.SERVICE,
+        "~/get_newest_sample",
+        "oaisys_msgs/srv/GetNewestSample",
+        "Which sample `~/sample_info` has announced last: mapper and recorder wait for that one "
+        "before they save, evaluate, clear or end.",
+    ),
+    Interface(
+        InterfaceKind.SERVICE,
         "~/query_height",
         "oaisys_msgs/srv/QueryHeight",
         "Heights of ground and surface under points, and the points' clearance.",

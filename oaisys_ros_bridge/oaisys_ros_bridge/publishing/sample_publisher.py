@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -31,6 +30,8 @@ from oaisys_core.types import (
     SimulatorInfo,
 )
 from oaisys_msgs.msg import SampleInfo
+from oaisys_msgs.srv import GetNewestSample
+from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
@@ -44,6 +45,30 @@ from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.topic_names import sensor_namespace
 
 
+class Announcements:
+    """Counts the samples that a bridge announces, and remembers the newest."""
+
+    def __init__(self) -> None:
+        self._newest = GetNewestSample.Response(success=True)
+
+    @property
+    def newest(self) -> GetNewestSample.Response:
+        """The sample that was announced last."""
+        return self._newest
+
+    def add(self, sample: Sample, stamp: Time) -> int:
+        """Note a sample that is about to be announced, and return its number, from 1 on."""
+        self._newest = GetNewestSample.Response(
+            success=True,
+            sequence=self._newest.sequence + 1,
+            batch_id=sample.batch_id,
+            sample_id=sample.sample_id,
+            stamp=stamp,
+            published=stamp_from_nanoseconds(time.time_ns()),
+        )
+        return int(self._newest.sequence)
+
+
 class SamplePublisher:
     """Publishers for one simulator's sensors.
 
@@ -52,7 +77,7 @@ class SamplePublisher:
         info: The simulator, whose sensors and labels settle the topics.
         settings: Returns the values of the node's parameters; the names of frames are read now,
             everything else once for each sample.
-        numbers: Sequence numbers of the samples.
+        announcements: Gives the samples their numbers.
         now: Returns the time of messages that belong to no sample; None: that of the node's clock.
 
     Attributes:
@@ -68,7 +93,7 @@ class SamplePublisher:
         node: Node,
         info: SimulatorInfo,
         settings: Settings,
-        numbers: Iterator[int] | None = None,
+        announcements: Announcements | None = None,
         *,
         now: Callable[[], Time] | None = None,
     ) -> None:
@@ -77,7 +102,7 @@ class SamplePublisher:
         self._settings = settings
         values = settings()
         self._map_frame = values["map_frame"]
-        self._numbers = numbers or count(1)
+        self._announcements = announcements or Announcements()
         self.publishers = NodePublishers(node)
         self.rig = RigTopics(
             self.publishers, self._map_frame, values["base_frame"], values["odom_frame"]
@@ -166,7 +191,7 @@ class SamplePublisher:
     def announce(self, sample: Sample, stamp: Time, faults: DepthFaults) -> None:
         """Announce that a sample is complete."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
-        number, topics = next(self._numbers), self.publishers.used
+        number, topics = self._announcements.add(sample, stamp), self.publishers.used
         message = sample_info_msg(sample, header, faults, sequence=number, topics=topics)
         self.publishers.send(self._sample_info, message)
 

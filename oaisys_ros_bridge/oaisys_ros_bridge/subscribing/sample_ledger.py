@@ -65,8 +65,10 @@ class SampleLedger:
         self._early: OrderedDict[int, set[str]] = OrderedDict()
         self._late: OrderedDict[int, set[str]] = OrderedDict()
         self._unseen: dict[int, frozenset[str]] = {}
+        self._heard: OrderedDict[SampleName, None] = OrderedDict()
         self._bridge = 0
         self._sequence = 0
+        self._topics: frozenset[str] = frozenset()
         self._from_first = False
         self._begun_at: tuple[int, frozenset[str]] = (1, frozenset())
         self._announced = self._settled = self._incomplete = 0
@@ -123,7 +125,33 @@ class SampleLedger:
             for what in expected - missing:
                 self._lose_before(entry, what)
             settled = self._settle()
+            self._heard[name] = None
+            while len(self._heard) > REMEMBERED:
+                self._heard.popitem(last=False)
+            self._changed.notify_all()
         self._report(settled)
+
+    def wait_for_announcement(self, name: SampleName, sequence: int, timeout_s: float) -> None:
+        """Wait until a sample is announced; count it, and those before it, as lost after a time.
+
+        Before the first announcement nothing is counted, unless the reader was there before.
+
+        Args:
+            name: Of the sample.
+            sequence: Its number among all that are announced.
+            timeout_s: How long.
+        """
+        with self._changed:
+            if self._changed.wait_for(lambda: name in self._heard, timeout_s):
+                return
+            self._begin_again_before(sequence)
+            counts = bool(self._sequence or self._from_first)
+            if counts:
+                self._miss(range(self._sequence + 1, sequence + 1), self._topics)
+            else:
+                self._begun_at = sequence + 1, frozenset()
+            self._sequence = sequence
+        self._report(counts)
 
     def expect_from_first(self) -> None:
         """Count the samples before the first announcement as lost: the reader was there before."""
@@ -210,15 +238,19 @@ class SampleLedger:
             self._incomplete -= 1
             self._lost.subtract([self._info_topic, *self._unseen.pop(sequence)])
             return
-        if sequence <= self._sequence:  # the numbers begin again with another bridge
-            self._unseen.clear()
-            self._bridge += 1
-            self._sequence = 0
+        self._begin_again_before(sequence)
         if self._sequence or self._from_first:
             self._miss(range(self._sequence + 1, sequence), topics)
         else:
             self._begun_at = sequence, topics
-        self._sequence = sequence
+        self._sequence, self._topics = sequence, topics
+
+    def _begin_again_before(self, sequence: int) -> None:
+        """Note another bridge where a number, with which that begins again, is not a new one."""
+        if sequence <= self._sequence:
+            self._unseen.clear()
+            self._bridge += 1
+            self._sequence = 0
 
     def _miss(self, sequences: range, topics: frozenset[str]) -> None:
         """Count samples as lost whose announcement has not come."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import secrets
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -15,18 +17,24 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header, String
 
+from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.types import POINTS
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt, SensorPose
+from oaisys_msgs.srv import GetNewestSample
 from oaisys_ros_bridge.conversions import nanoseconds, stamp_from_nanoseconds
 from oaisys_ros_bridge.namespaces import UNKNOWN_NODE
+from oaisys_ros_bridge.nodes.background_node import result_of
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, SampleName
-from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger
+from oaisys_ros_bridge.subscribing.sample_ledger import LOST_AFTER_S, SampleLedger
 from oaisys_ros_bridge.timers import steady_timer
 
 SAMPLE_INFO, RECEIPTS, CONFIGURATION = "sample_info", "receipts", "configuration"
+NEWEST_SAMPLE = "get_newest_sample"
 EXPIRY_PERIOD_S = 0.5
 """Between two checks for messages that are overdue."""
+ASK_AGAIN_S = 1.0
+"""After which a bridge is asked again: it drops answers to clients that it does not know."""
 
 
 class SampleWatch:
@@ -63,6 +71,11 @@ class SampleWatch:
         self.ledger = SampleLedger(info_topic, self._note_settled)
         bridge = info_topic.rpartition("/")[0]
         self._publisher = node.create_publisher(SampleReceipt, f"{bridge}/{RECEIPTS}", LATCHED_QOS)
+        self._newest = node.create_client(
+            GetNewestSample,
+            f"{bridge}/{NEWEST_SAMPLE}",
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
         node.create_subscription(
             String,
             f"{bridge}/{CONFIGURATION}",
@@ -86,6 +99,42 @@ class SampleWatch:
     def reader_was_first(self) -> bool:
         """Whether the reader was there before the bridge."""
         return self.ledger.expects_from_first
+
+    def hear_newest(self, timeout_s: float) -> str:
+        """Wait for the announcement of the newest sample, by what the bridge says which that is.
+
+        The middleware keeps no order between an answer of the bridge and what it published before.
+        An announcement that does not come within `LOST_AFTER_S` is counted as lost. Not to be
+        called by the executor's only thread.
+
+        Args:
+            timeout_s: Longest time to wait for what the bridge says.
+
+        Returns:
+            Why samples may be missing that no count has; empty: none are.
+        """
+        if self._begun_ns is None or not self._is_published_by_bridge():
+            return ""
+        newest = self._ask_newest(timeout_s)
+        if newest is None or not newest.success:
+            reason = "no answer" if newest is None else newest.message
+            return f"{self._newest.srv_name} did not say which sample is the last: {reason}"
+        if newest.sequence and nanoseconds(newest.published) > self._begun_ns:
+            name = SampleName(newest.batch_id, newest.sample_id, nanoseconds(newest.stamp))
+            self.ledger.wait_for_announcement(name, newest.sequence, LOST_AFTER_S)
+        return ""
+
+    def _ask_newest(self, timeout_s: float) -> GetNewestSample.Response | None:
+        """Ask the bridge which sample is the newest; None: it does not answer in time."""
+        end_s = time.monotonic() + timeout_s
+        while (left_s := end_s - time.monotonic()) > 0:
+            if not self._newest.wait_for_service(min(ASK_AGAIN_S, left_s)):
+                continue
+            asked = self._newest.call_async(GetNewestSample.Request())
+            with suppress(DeadlineExceededError):
+                return result_of(asked, self._newest.srv_name, min(ASK_AGAIN_S, left_s))
+            self._newest.remove_pending_request(asked)
+        return None
 
     def end(self) -> None:
         """Tell the bridge that this reader takes no more samples."""

@@ -6,6 +6,7 @@ import errno
 import shutil
 import signal
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator
 from io import FileIO
 from pathlib import Path
@@ -14,10 +15,12 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from builtin_interfaces.msg import Time
 from commands import oaisys_here
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, messages_of_samples
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, TopicInfo
@@ -29,6 +32,8 @@ from std_msgs.msg import Header
 from waiting import wait_until
 
 from oaisys_core.geometry import pose_looking_down
+from oaisys_msgs.msg import SampleInfo
+from oaisys_msgs.srv import GetNewestSample
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.bags.mcap_format import mcap_writer
@@ -37,10 +42,10 @@ from oaisys_ros_bridge.bags.mcap_format.message_definition import (
     message_definition,
     type_hash,
 )
-from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.conversions import image_from_msg, stamp_from_nanoseconds
 from oaisys_ros_bridge.nodes import recorder as recorder_module
 from oaisys_ros_bridge.nodes.recorder import RecorderNode
-from oaisys_ros_bridge.qos import MOTION_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import MOTION_QOS, SENSOR_QOS, SMALL_MESSAGE_QOS
 
 VIEWS = 3
 
@@ -174,6 +179,42 @@ def started_ros(ros_domain_id: int) -> Iterator[None]:
 
 
 @pytest.mark.ros
+def test_a_sample_whose_announcement_comes_after_the_end_was_asked_for_is_recorded(
+    stage: Stage, tmp_path: Path
+) -> None:
+    """The recorder waited for half a second without a message, and closed the bag."""
+    user, folder, topic = stage.user, tmp_path / "bag", "oaisys_bridge/sample_info"
+    bridge, asked = Node("oaisys_bridge", context=user.node.context), []
+    user.spin_with(bridge)
+    announced = bridge.create_publisher(SampleInfo, topic, SMALL_MESSAGE_QOS)
+
+    def answer(_: object, newest: GetNewestSample.Response) -> GetNewestSample.Response:
+        asked.append(time.monotonic())
+        newest.success, newest.sequence, newest.stamp = True, 2, Time(sec=2)
+        newest.published = stamp_from_nanoseconds(time.time_ns())
+        return newest
+
+    bridge.create_service(GetNewestSample, "~/get_newest_sample", answer)
+    recorder = stage.start_node("recorder", "--out", str(folder), "--topics", topic)
+    wait_for_line(stage, recorder, f"recording: {folder}")
+    user.wait_until(lambda: announced.get_subscription_count() == 2)
+    announced.publish(SampleInfo(header=Header(stamp=Time(sec=1)), sequence=1))
+
+    recorder.process.send_signal(signal.SIGINT)
+    user.wait_until(lambda: asked)
+    late_s = asked[0] + 2 * recorder_module.QUIET_LOOKS * recorder_module.END_LOOK_S
+    user.wait_until(lambda: time.monotonic() > late_s)
+    announced.publish(SampleInfo(header=Header(stamp=Time(sec=2)), sequence=2))
+    user.wait_until(lambda: recorder.process.poll() is not None)
+    bridge.destroy_node()
+
+    assert recorder.process.returncode == 0
+    with Reader(folder) as reader:
+        assert reader.topics[f"/{topic}"].msgcount == 2
+    assert losses_of(folder) == BagLosses(announced=2)
+
+
+@pytest.mark.ros
 def test_what_comes_after_a_write_error_is_counted_and_nothing_more_is_found(
     started_ros: None, stage: Stage, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -206,8 +247,7 @@ def test_what_comes_after_a_write_error_is_counted_and_nothing_more_is_found(
     assert "No such file" in recorder.fault
     assert recorder._losses.unwritten["/imu/data_raw"] == 4
     last = capfd.readouterr().err.splitlines()[-1]
-    assert f"nothing is left in {bag}; 0 samples" in last
-    assert "the end came before messages of /imu/data_raw 4" in last
+    assert f"messages in {bag} are gone with its file" in last
     assert f"the recording has failed: {recorder.fault}" in last
 
 

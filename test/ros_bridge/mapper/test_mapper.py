@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,16 @@ from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matr
 from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_mapping.mesh_io import read_class_names, read_ply
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_msgs.msg import MapStatus, SemanticLabel, SemanticLabels
-from oaisys_msgs.srv import Evaluate, SaveMesh
+from oaisys_msgs.msg import MapStatus, SampleInfo, SemanticLabel, SemanticLabels, SensorPose
+from oaisys_msgs.srv import Evaluate, GetNewestSample, SaveMesh
 from oaisys_ros_bridge.clouds import mesh_from_marker
-from oaisys_ros_bridge.conversions import image_to_msg, intrinsics_to_msg, transform_to_msg
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.conversions import (
+    image_to_msg,
+    intrinsics_to_msg,
+    stamp_from_nanoseconds,
+    transform_to_msg,
+)
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, SMALL_MESSAGE_QOS, TF_QOS
 
 pytestmark = pytest.mark.ros
 
@@ -283,6 +289,87 @@ def test_an_empty_map_replaces_no_mesh(peer: Peer, tmp_path: Path) -> None:
         assert (refused.success, refused.message) == (False, "nothing has been mapped yet")
     assert path.read_bytes() == before
     assert [each.name for each in tmp_path.iterdir()] == ["m.ply"]
+
+
+class LateBridge:
+    """A bridge whose second sample is published after what it says of it."""
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self.node = Node("oaisys_bridge", context=peer.context)
+        peer.executor.add_node(self.node)
+        self._announced = self.node.create_publisher(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
+        self.asked = False
+        self.node.create_service(GetNewestSample, "~/get_newest_sample", self._answer)
+        peer.wait_until(lambda: self._announced.get_subscription_count() == 1)
+
+    def _answer(self, _: Any, answer: GetNewestSample.Response) -> GetNewestSample.Response:
+        self.asked = True
+        answer.success, answer.sequence = True, 2
+        answer.batch_id, answer.sample_id, answer.stamp = 1, 2, Time(sec=2)
+        answer.published = stamp_from_nanoseconds(time.time_ns())
+        return answer
+
+    def publish(self, number: int) -> None:
+        stamp = Time(sec=number)
+        self._peer.show(POSES[number], stamp)
+        sensor = SensorPose(sensor="camera", modalities=["rgb", "depth"])
+        self._announced.publish(
+            SampleInfo(
+                header=Header(stamp=stamp),
+                batch_id=1,
+                sample_id=number,
+                sensors=[sensor],
+                sequence=number,
+            )
+        )
+
+    def answer_late(self, kind: type[Any], name: str, request: Any) -> Any:
+        """Call a service of the mapper; publish the second sample once it has asked for that."""
+        client = self._peer.node.create_client(kind, f"oaisys_mapper/{name}")
+        self._peer.wait_until(client.service_is_ready)
+        wait_until_known(self._peer.node, "oaisys_mapper", self._peer.wait_until)
+        future = client.call_async(request)
+        self._peer.wait_until(lambda: self.asked)
+        for _ in range(3):
+            self._peer.executor.spin_once(timeout_sec=0.1)
+        assert not future.done()
+        self.publish(2)
+        self._peer.wait_until(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def late_bridge(ros_domain_id: int, no_process_left: None) -> Iterator[LateBridge]:
+    peer = Peer("voxel_size:=0.1", "mesh_period:=0.0")
+    try:
+        bridge = LateBridge(peer)
+        bridge.publish(1)
+        peer.wait_for_frames(1)
+        yield bridge
+        bridge.node.destroy_node()
+    finally:
+        peer.end()
+
+
+def test_a_sample_whose_announcement_comes_after_the_request_is_in_the_mesh(
+    late_bridge: LateBridge, tmp_path: Path
+) -> None:
+    """18 of 150 meshes that were saved right after a view did not have it."""
+    request = SaveMesh.Request(path=str(tmp_path / "m.ply"))
+    saved = late_bridge.answer_late(SaveMesh, "save_mesh", request)
+    assert (saved.success, saved.message, saved.frames) == (True, "", 2)
+
+
+def test_a_sample_whose_announcement_comes_after_a_reset_is_not_in_the_map(
+    late_bridge: LateBridge, tmp_path: Path
+) -> None:
+    peer = late_bridge._peer
+    assert late_bridge.answer_late(Trigger, "reset", Trigger.Request()).success
+    late_bridge.publish(3)
+    peer.wait_for_frames(1)
+    peer.wait_until(lambda: peer.latest["metrics"].header.stamp == Time(sec=3))
+    assert peer.latest["metrics"].samples_announced == 1
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 from collections.abc import Iterable
 
@@ -109,6 +110,58 @@ def test_a_modality_that_was_not_rendered_is_no_loss(watched):
     watched.arrive(2)
     assert watched.ledger.state.lost == {}
     assert watched.ledger.state.settled == 2
+
+
+def test_an_announcement_is_waited_for_whatever_comes_first(watched):
+    watched.announce(1)
+    watched.arrive(1)
+    watched.ledger.wait_for_announcement(name(1), 1, 0.0)
+    assert watched.ledger.state == LedgerState(1, 1, 0, {}, name(1))
+    threading.Timer(0.1, watched.announce, (2,)).start()
+
+    watched.ledger.wait_for_announcement(name(2), 2, 60.0)
+
+    assert watched.ledger.open == 1
+
+
+def test_an_announcement_that_does_not_come_is_counted_until_it_comes(watched):
+    watched.announce(1)
+    watched.arrive(1)
+
+    watched.ledger.wait_for_announcement(name(3), 3, 0.0)
+
+    state = watched.ledger.state
+    assert (state.announced, state.incomplete) == (3, 2)
+    assert state.lost == dict.fromkeys((INFO, *TOPICS), 2)
+    watched.announce(3)
+    watched.arrive(3)
+    state = watched.ledger.state
+    assert (state.announced, state.incomplete, state.last) == (3, 1, name(3))
+    watched.announce(5)
+    assert watched.ledger.state.announced == 5
+
+
+@pytest.mark.parametrize("is_first", [False, True])
+def test_before_the_first_announcement_only_who_was_there_counts(watched, is_first):
+    if is_first:
+        watched.ledger.expect_from_first()
+    watched.ledger.wait_for_announcement(name(2), 2, 0.0)
+    assert watched.ledger.state.incomplete == 2 * is_first
+    watched.announce(3)
+    watched.arrive(3)
+    assert watched.ledger.state.announced == 3 if is_first else 1
+    watched.ledger.expect_from_first()
+    assert watched.ledger.state.incomplete == 2
+
+
+def test_of_another_bridge_nothing_is_counted_that_was_not_announced(watched):
+    for number in (1, 2, 3):
+        watched.announce(number)
+        watched.arrive(number)
+    watched.ledger.wait_for_announcement(SampleName(1, 2, 77), 2, 0.0)
+    assert watched.ledger.state == LedgerState(3, 3, 0, {}, name(3))
+    watched.announce(3)
+    assert watched.ledger.state.announced == 4
 
 
 def test_announcements_that_are_lost_are_counted_with_all_that_belongs_to_them(watched):
