@@ -26,7 +26,9 @@ from oaisys_core.cli.help_texts import add_examples, epilog_of, group_names
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 from oaisys_core.files.folders import user_path
 from oaisys_core.system.ending.signals import (
+    RECEIVED,
     end_at_signal,
+    has_dropped_interruption,
     ignore_signals,
     interrupt_at_signals,
     work_in_child,
@@ -49,8 +51,13 @@ EXIT_INTERRUPTED = 130
 IN_CHILD = frozenset(
     {"audit", "certificate", "dataset", "drive", "evaluate", "heights", "render", "repeat"}
 )
-"""Commands that work in a child process, see `oaisys_core.system.ending.signals`; others that take
-long start and end processes of their own, and handle signals themselves."""
+"""Commands that work in a child process, see `oaisys_core.system.ending.signals`."""
+
+WITH_HANDLERS = frozenset({"explore", "live", "record", "serve", "survey", "view"})
+"""Commands that start and end processes of their own, or nodes, and handle signals themselves.
+
+Until they do there is nothing to be cleaned up, so that a signal ends the process at once: an
+exception would be raised in the middle of imports, and some libraries drop it there."""
 
 GRACE_S = {"drive": 4.0}
 """How long a command may take to complete its files at a signal; a drive closes its bag."""
@@ -96,9 +103,13 @@ class _InstalledCommands(_Commands):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command; before it is imported, a long one goes on in a child process."""
-        if _is_program and args[0] in IN_CHILD and "--help" not in args:
+        is_in_child = _is_program and args[0] in IN_CHILD and "--help" not in args
+        if is_in_child:
             work_in_child(args[0], GRACE_S.get(args[0], 0.0))
-        return super().resolve_command(ctx, args)
+        command = super().resolve_command(ctx, args)
+        if _is_program and not is_in_child and args[0] not in WITH_HANDLERS:
+            interrupt_at_signals()
+        return command
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         entry = _commands_by_name().get(cmd_name)
@@ -246,14 +257,14 @@ def run_program() -> NoReturn:
     """Run `main` as a program of its own, which ends at a signal with 128 and its number."""
     global _is_program
     _is_program = True
-    received = interrupt_at_signals()
     try:
         main()
     except BaseException as end:
         # Commands whose end is a signal, such as `view`, have ended well.
-        if received and not (isinstance(end, SystemExit) and not end.code):
-            end_at_signal(received[0])
-        if received:
+        has_ended_well = isinstance(end, SystemExit) and not end.code
+        if RECEIVED and (not has_ended_well or has_dropped_interruption()):
+            end_at_signal(RECEIVED[0])
+        if RECEIVED:
             ignore_signals()
         raise
     sys.exit(0)

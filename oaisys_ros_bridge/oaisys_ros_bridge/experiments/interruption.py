@@ -27,6 +27,9 @@ def interrupt_on_signals() -> None:
 
     A C library whose callback it is raised in prints and drops it; `raise_if_interrupted` raises it
     again. Further signals do not interrupt what the first one has ended in order, for `ORDER_S`.
+
+    Raises:
+        KeyboardInterrupt: A signal has come before, and its interruption was dropped.
     """
 
     def interrupt(number: int, _: object) -> None:

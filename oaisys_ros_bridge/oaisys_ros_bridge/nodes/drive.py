@@ -13,7 +13,7 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError
-from oaisys_core.system.ending.signals import interrupt_at_signals
+from oaisys_core.system.ending.signals import RECEIVED, interrupt_at_signals, raise_if_received
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.bags.recorder_client import RecorderClient
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
@@ -55,7 +55,7 @@ class DriveClient(BackgroundNode):
         Raises:
             DeadlineExceededError: The bridge or the recorder did not become ready.
         """
-        self.wait(READY, lambda: self._is_ready, START_TIMEOUT_S)
+        self.wait(READY, lambda: self._is_ready, START_TIMEOUT_S, raise_if_received)
         if self._recorder is not None:
             self._recorder.wait(START_TIMEOUT_S)
         if not self._client.wait_for_server(START_TIMEOUT_S):
@@ -66,7 +66,7 @@ class DriveClient(BackgroundNode):
         future: Future = handle.get_result_async()
         future.add_done_callback(self._notify)
         try:
-            self.wait("the end of the drive", future.done, float("inf"))
+            self.wait("the end of the drive", future.done, float("inf"), raise_if_received)
         except KeyboardInterrupt:
             handle.cancel_goal_async()
             self.wait("the end of the cancelled drive", future.done, ANSWER_TIMEOUT_S)
@@ -128,9 +128,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options, arguments = parse_arguments(parser, arguments)
     goal = Drive.Goal(drive_json=options.drive_json, sensors=[s for s in options.sensors if s])
-    received = interrupt_at_signals()
     code = 1
     try:
+        interrupt_at_signals()
         with DriveClient(arguments, wait_for_recorder=options.wait_for_recorder) as client:
             code = verdict(client.drive(goal))
     except (DeadlineExceededError, InvalidInputError) as error:
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = 2 if isinstance(error, InvalidInputError) else 1
     except KeyboardInterrupt:
         sys.stderr.write("drive: interrupted before it began\n")
-    return 128 + received[0] if received else code
+    return 128 + RECEIVED[0] if RECEIVED else code
 
 
 if __name__ == "__main__":

@@ -37,19 +37,30 @@ def exit_at_signals() -> None:
     _handle(lambda number, _: os._exit(128 + number))
 
 
-def interrupt_at_signals() -> list[int]:
-    """Raise `KeyboardInterrupt` at a signal, and return a list to which its number is added.
+def interrupt_at_signals() -> None:
+    """Raise `KeyboardInterrupt` at a signal, whose number is added to `RECEIVED`.
 
-    This is for commands that do not work in a child process, until they handle signals themselves.
+    This is for programs that neither work in a child process nor handle signals themselves. A
+    library may drop the exception, above all while it is imported: see `raise_if_received`.
     """
-    RECEIVED.clear()
+    _handle(_interrupt)
+    raise_if_received()
 
-    def interrupt(number: int, _: FrameType | None) -> NoReturn:
-        RECEIVED.append(number)
+
+def _interrupt(number: int, _: FrameType | None) -> NoReturn:
+    RECEIVED.append(number)
+    raise KeyboardInterrupt
+
+
+def raise_if_received() -> None:
+    """Raise `KeyboardInterrupt` if a signal has been received, even if it was dropped since."""
+    if RECEIVED:
         raise KeyboardInterrupt
 
-    _handle(interrupt)
-    return RECEIVED
+
+def has_dropped_interruption() -> bool:
+    """Return whether `interrupt_at_signals` still holds, and a signal has ended nothing."""
+    return bool(RECEIVED) and signal.getsignal(RECEIVED[0]) is _interrupt
 
 
 def ignore_signals() -> None:
@@ -175,10 +186,16 @@ def end_service_at_signals(handler: Callable[[int, FrameType | None], object] | 
 
     SIGHUP stays ignored under ``nohup``. SIGINT does not, although shells have their background
     jobs ignore it: a service is ended by it wherever it runs.
+
+    Raises:
+        KeyboardInterrupt: A signal has come before, and its interruption was dropped.
     """
     for number in ENDING:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
+    if handler is not signal.SIG_IGN:
+        # Only now: a signal that comes from here on is the handler's.
+        raise_if_received()
 
 
 @contextmanager
@@ -191,16 +208,25 @@ def defer_signals() -> Iterator[None]:
         yield
         return
     received: list[int] = []
-    before = {number: signal.getsignal(number) for number in ENDING}
-    for number, handler in before.items():
-        if callable(handler):
-            signal.signal(number, lambda number, _: received.append(number))
+    before = {number: each for number in ENDING if callable(each := signal.getsignal(number))}
+    # A signal that comes while handlers are exchanged goes to the one from before, which may raise.
+    is_deferred = False
+
+    def defer(number: int, frame: FrameType | None) -> None:
+        if is_deferred:
+            received.append(number)
+        else:
+            before[signal.Signals(number)](number, frame)
+
     try:
+        for number in before:
+            signal.signal(number, defer)
+        is_deferred = True
         yield
     finally:
+        is_deferred = False
         for number, handler in before.items():
-            if callable(handler):
-                signal.signal(number, handler)
+            signal.signal(number, handler)
         for each in received:
             signal.raise_signal(each)
 
