@@ -22,6 +22,7 @@ from typing import Any
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.ending.owner import follow_owner
+from oaisys_core.system.program_output import last_lines
 from oaisys_core.system.python_programs import python_command
 from tools.bench.settings import Say, Settings
 from tools.programs import ROOT, tool_environment
@@ -152,8 +153,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _end_of(log: Path) -> str:
-    lines = log.read_text(errors="replace").splitlines()
-    lines = [line for line in lines if not line.startswith("Fra:")]
+    lines = [line for line in last_lines(log) if not line.startswith("Fra:")]
     return "".join(f"\n  | {line}" for line in lines[-LOG_LINES:])
 
 

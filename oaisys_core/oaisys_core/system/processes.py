@@ -17,6 +17,7 @@ from oaisys_core.errors import DeadlineExceededError, WorkerLostError
 from oaisys_core.system.ending.owner import owner_variables
 from oaisys_core.system.ending.signals import defer_signals
 from oaisys_core.system.private_files import open_private
+from oaisys_core.system.program_output import READ_BYTES, last_lines
 from oaisys_core.system.python_programs import python_environment
 
 _LOG = logging.getLogger(__name__)
@@ -102,7 +103,7 @@ class ManagedProcess:
                     self.check()
                     break
                 pending += chunk
-                *lines, pending = pending.split(b"\n")
+                *lines, pending = pending[-READ_BYTES:].split(b"\n")
                 for line in lines:
                     text = line.decode(errors="replace")
                     if text.startswith(prefix):
@@ -140,6 +141,9 @@ class ManagedProcess:
             )
             self._process.send_signal(signal.SIGABRT)
             self._has_ended(LAST_WORDS_S)
+            # Ends what others' programs have started, see `command_with_descendants`.
+            self._process.terminate()
+            self._has_ended(LAST_WORDS_S)
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
@@ -152,8 +156,4 @@ class ManagedProcess:
         return self._process.poll() is not None
 
     def _quote_log(self) -> str:
-        try:
-            lines = self._log.read_text(errors="replace").splitlines()[-QUOTED_LINES:]
-        except OSError:
-            lines = []
-        return "".join(f"\n  | {line}" for line in lines)
+        return "".join(f"\n  | {line}" for line in last_lines(self._log)[-QUOTED_LINES:])

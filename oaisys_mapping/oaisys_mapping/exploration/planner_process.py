@@ -1,6 +1,6 @@
 """A planner of another package, in a process of its own: it may hang or crash, and nothing else.
 
-Run as a program, with a pipe's descriptor, a planner's name and a seed, this module is that
+Run as a program, with a socket's descriptor, a planner's name and a seed, this module is that
 process.
 """
 
@@ -8,29 +8,37 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
+import pickle
 import signal
+import socket
 import subprocess
-import threading
-from collections.abc import Iterator, Sequence
-from multiprocessing.connection import Connection, Pipe
-from typing import Any, Self
+import time
+from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
-from oaisys_core.errors import quote
-from oaisys_core.system.ending.owner import follow_owner, owner_variables
+from oaisys_core.system.ending.descendants import command_with_descendants
 from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_core.types import Pose
 from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
 from oaisys_mapping.exploration.planners import make_planner
-from oaisys_mapping.exploration.planning import Plan, PlannerError, ask_for_plan, failure_of
+from oaisys_mapping.exploration.planning import (
+    Plan,
+    PlannerError,
+    answer_from_json,
+    answer_to_json,
+    ask_for_plan,
+    failure_of,
+)
 
 START_S = 120.0
 """For importing and making a planner, which may read a network's weights."""
 END_S = 2.0
-"""From the end of a process's pipe to its own end."""
+"""From the end of a process's socket, or the order to end, to its own end."""
+MAX_ANSWER_BYTES = 4_000_000
+"""Of one answer: a path of 50,000 positions."""
 
 
 class PlannerProcess:
@@ -51,12 +59,14 @@ class PlannerProcess:
         """
         self.name, self.timeout_s = name, timeout_s
         self._is_ready = False
-        self._connection, theirs = Pipe()
+        self._received = b""
+        self._socket, theirs = socket.socketpair()
+        command = python_command(__name__, str(theirs.fileno()), name, str(seed))
         with theirs:
             self._process = subprocess.Popen(
-                python_command(__name__, str(theirs.fileno()), name, str(seed)),
+                command_with_descendants(command),
                 stdin=subprocess.DEVNULL,
-                env=python_environment() | owner_variables(signal.SIGKILL),
+                env=python_environment(),
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,
             )
@@ -68,8 +78,7 @@ class PlannerProcess:
     def __exit__(self, *_: object) -> None:
         """End the process, and what the planner has started."""
         self._kill()
-        self._process.wait()
-        self._connection.close()
+        self._socket.close()
 
     def next_plan(
         self, vehicle: Vehicle, voxels: OccupancyMap, visited: Sequence[Pose]
@@ -77,79 +86,99 @@ class PlannerProcess:
         """Return the view that the planner asks for; None at the end.
 
         Raises:
-            PlannerError: See `ask_for_plan`; it took too long, or its process ended.
+            PlannerError: See `ask_for_plan`; it took too long, its process ended, or what it sent
+                is no answer.
         """
         if not self._is_ready:
-            with self._deadline("start", START_S):
-                self._answer()
+            self._ask(b"", "start", START_S)
             self._is_ready = True
-        with self._deadline("choose a pose", self.timeout_s):
-            self._connection.send((vehicle, voxels, list(visited)))
-            plan = self._answer()
-        if plan is not None and not isinstance(plan, Plan):
-            raise PlannerError(f"the planner {self.name!r} answered {quote(plan)}")
-        return plan
+        question = pickle.dumps((vehicle, voxels, list(visited)), pickle.HIGHEST_PROTOCOL)
+        return self._ask(question, "choose a pose", self.timeout_s)
 
-    def _answer(self) -> Any:
-        """Return the next answer; raise `PlannerError` where it is one."""
-        answer = self._connection.recv()
-        if isinstance(answer, PlannerError):
-            raise answer
-        return answer
-
-    @contextlib.contextmanager
-    def _deadline(self, what: str, timeout_s: float) -> Iterator[None]:
-        """Kill the process unless the block ends in time, also if the process is stopped.
+    def _ask(self, question: bytes, what: str, timeout_s: float) -> Plan | None:
+        """Send a question and return what is answered, also where the process is stopped.
 
         Raises:
-            PlannerError: It did not, or the process ended by itself.
+            PlannerError: There is no answer in time, or it is an error, or none.
         """
-        is_late = threading.Event()
-
-        def kill() -> None:
-            is_late.set()
-            self._kill()
-
-        timer = threading.Timer(timeout_s, kill)
-        timer.start()
+        until_s = time.monotonic() + timeout_s
         try:
-            yield
-        except (EOFError, OSError):
+            self._wait_at_most_until(until_s)
+            self._socket.sendall(question)
+            text = self._line(until_s)
+        except TimeoutError:
+            self._kill()
             reason = f"did not {what} within {timeout_s:g} s"
-            if not is_late.is_set():
-                reason = f"ended its process ({self._end()})"
-            raise PlannerError(f"the planner {self.name!r} {reason}") from None
-        finally:
-            timer.cancel()
+        except (EOFError, OSError):
+            reason = self._end()
+        else:
+            return answer_from_json(self.name, text)
+        raise PlannerError(f"the planner {self.name!r} {reason}")
+
+    def _line(self, until_s: float) -> bytes:
+        """Return the next line that the process sends.
+
+        Raises:
+            TimeoutError: It sends none in time.
+            EOFError: It has closed its socket.
+            PlannerError: It sends more than any answer has.
+        """
+        while b"\n" not in self._received:
+            if len(self._received) > MAX_ANSWER_BYTES:
+                what = f"sent more than {MAX_ANSWER_BYTES} bytes, which are no answer"
+                raise PlannerError(f"the planner {self.name!r} {what}")
+            self._wait_at_most_until(until_s)
+            part = self._socket.recv(1 << 16)
+            if not part:
+                raise EOFError
+            self._received += part
+        line, _, self._received = self._received.partition(b"\n")
+        return line
+
+    def _wait_at_most_until(self, until_s: float) -> None:
+        """Limit what is sent or received next."""
+        self._socket.settimeout(max(until_s - time.monotonic(), 1e-3))
 
     def _end(self) -> str:
-        """Return how the process, which has closed its pipe, ended."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(END_S)
-        self._kill()
-        code = self._process.wait()
-        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        """Return how the process, which has closed its socket, ended."""
+        try:
+            code = self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._kill()
+            return "closed the connection of its process"
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        return f"ended its process ({how})"
 
     def _kill(self) -> None:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        """End the process and all that it has started, see `command_with_descendants`."""
+        self._process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        self._process.kill()
+        self._process.wait()
 
 
-def _serve(connection: Connection, name: str, seed: int) -> None:
+def _serve(connection: socket.socket, name: str, seed: int) -> None:
     """Make the planner, and answer until the other end closes."""
-    try:
-        planner = make_planner(name)
-    except BaseException as error:  # noqa: BLE001 - another package's code, which may do anything
-        connection.send(failure_of(name, error))
-        return
-    connection.send(None)
-    rng = np.random.default_rng(seed)
-    while True:
+    with connection.makefile("rwb") as stream:
+
+        def answer(what: Plan | PlannerError | None) -> None:
+            stream.write(answer_to_json(what) + b"\n")
+            stream.flush()
+
         try:
-            vehicle, voxels, visited = connection.recv()
-        except EOFError:
+            planner = make_planner(name)
+        except BaseException as error:  # noqa: BLE001 - another package's code
+            answer(failure_of(name, error))
             return
-        connection.send(_plan(planner, Situation(vehicle, voxels, visited, rng)))
+        answer(None)
+        rng = np.random.default_rng(seed)
+        while True:
+            try:
+                vehicle, voxels, visited = pickle.load(stream)  # noqa: S301 - our own program's
+            except EOFError:
+                return
+            answer(_plan(planner, Situation(vehicle, voxels, visited, rng)))
 
 
 def _plan(planner: Planner, situation: Situation) -> Plan | PlannerError | None:
@@ -163,10 +192,13 @@ def _plan(planner: Planner, situation: Situation) -> Plan | PlannerError | None:
 
 if __name__ == "__main__":
     _parser = argparse.ArgumentParser(description="Run a planner for the program that starts this.")
-    _parser.add_argument("descriptor", type=int, help="of the pipe between the two")
+    _parser.add_argument("descriptor", type=int, help="of the socket between the two")
     _parser.add_argument("planner", help="its name")
     _parser.add_argument("seed", type=int, help="of its random numbers")
     _given = _parser.parse_args()
-    follow_owner()
-    with Connection(_given.descriptor) as _pipe:
-        _serve(_pipe, _given.planner, _given.seed)
+    try:
+        _connection = socket.socket(fileno=_given.descriptor)
+    except OSError as error:
+        _parser.error(f"descriptor: {error.strerror}")
+    with _connection:
+        _serve(_connection, _given.planner, _given.seed)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,10 @@ from oaisys_mapping.exploration.planner import Planner, Situation
 
 class PlannerError(OaisysError):
     """A planner failed, took too long, or asked for what is no pose that it can reach."""
+
+
+_LONGEST_ERROR = 1000
+"""Characters of what a planner's process says of its failure."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,57 @@ def ask_for_plan(planner: Planner, situation: Situation) -> Plan | None:
 
 def failure_of(name: str, error: BaseException) -> PlannerError:
     """Return the error that says which planner raised what."""
-    what = f"{type(error).__name__}: {quote(str(error))}"
+    try:
+        text = str(error)
+    except Exception:  # noqa: BLE001 - another package's code
+        text = "an error without a text"
+    what = f"{type(error).__name__}: {quote(text)}"
     return PlannerError(f"the planner {name!r} failed: {what}")
+
+
+def answer_to_json(answer: Plan | PlannerError | None) -> bytes:
+    """Return a planner's answer as one line of JSON, without its end; see `answer_from_json`."""
+    if answer is None:
+        content: dict[str, Any] = {"end": True}
+    elif isinstance(answer, PlannerError):
+        content = {"error": str(answer)[:_LONGEST_ERROR]}
+    else:
+        content = {
+            "position_m": [float(value) for value in answer.pose.position_m],
+            "quat_xyzw": [float(value) for value in answer.pose.quat_xyzw],
+            "path_m": np.asarray(answer.path_m, np.float64).tolist(),
+        }
+    return json.dumps(content).encode()
+
+
+def answer_from_json(name: str, text: bytes) -> Plan | None:
+    """Return the answer of a planner's process, which may be anything; None: the end.
+
+    Args:
+        name: Of the planner.
+        text: As `answer_to_json` writes it.
+
+    Raises:
+        PlannerError: It is one, or no answer.
+    """
+    try:
+        content = json.loads(text)
+        if content == {"end": True}:
+            return None
+        if list(content) == ["error"]:
+            raise PlannerError(str(content["error"])[:_LONGEST_ERROR])
+        path_m = np.array(content["path_m"], np.float64)
+        pose = check_pose(content["position_m"], content["quat_xyzw"])
+    except (InvalidInputError, KeyError, OverflowError, RecursionError, TypeError, ValueError):
+        raise _no_answer(name, text) from None
+    is_path = path_m.ndim == 2 and path_m.shape[1] == 3 and len(path_m) > 0
+    if not (is_path and np.isfinite(path_m).all()):
+        raise _no_answer(name, text)
+    return Plan(pose, path_m)
+
+
+def _no_answer(name: str, text: bytes) -> PlannerError:
+    return PlannerError(f"the planner {name!r} sent {quote(text)}, which is no answer")
 
 
 def _checked(planner: Planner, pose: object) -> Pose:

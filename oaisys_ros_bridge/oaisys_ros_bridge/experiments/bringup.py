@@ -21,6 +21,7 @@ from oaisys_core.files.folders import own_folder
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.system.ending.signals import defer_signals
 from oaisys_core.system.processes import ManagedProcess
+from oaisys_core.system.program_output import last_lines
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_ros_bridge.experiments.configuration import (
@@ -288,8 +289,8 @@ def naming_logs(folder: Path) -> Iterator[None]:
             if log.stat().st_mtime < began_s - 1.0:
                 continue  # of an earlier run
             error.add_note(f"log: {log}")
-            lines = log.read_text(errors="replace").splitlines()
-            for line in [line for line in lines if _WARNING.search(line)][-_LINES_QUOTED:]:
+            warnings = [line for line in last_lines(log) if _WARNING.search(line)]
+            for line in warnings[-_LINES_QUOTED:]:
                 error.add_note(f"  | {line}")
         raise
 

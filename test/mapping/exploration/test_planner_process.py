@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_planners import install_planners
+from foreign_planners import HANGING, SENDING, install_planners
 from waiting import LOAD_FACTOR
 
 from oaisys_core.geometry import T_LINK_OPTICAL
@@ -21,6 +21,8 @@ from oaisys_mapping.exploration.planners import RandomPlanner
 from oaisys_mapping.exploration.planning import PlannerError, ask_for_plan
 
 VEHICLE = Vehicle(PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5), T_LINK_OPTICAL, 0.6, 12.0)
+START_S = 6.0
+"""For a planner's process to start and to end."""
 HERE = level_pose(np.zeros(3), 0.0)
 
 
@@ -44,11 +46,41 @@ def test_a_planner_that_hangs_is_ended_within_its_time(voxels: OccupancyMap) -> 
         assert time.monotonic() - began_s < LOAD_FACTOR * 1.0
 
 
+@pytest.mark.parametrize("name", [each.name for each in HANGING])
+@pytest.mark.usefixtures("no_process_left")
+def test_a_planner_that_hangs_is_ended_with_all_that_it_has_started(
+    voxels: OccupancyMap, name: str
+) -> None:
+    """A fork with a session of its own kept the pipe open, and the exploration waited for ever."""
+    began_s = time.monotonic()
+    with (
+        PlannerProcess(name, 1, timeout_s=1.0) as planner,
+        pytest.raises(PlannerError, match=f"^the planner '{name}' did not choose a pose within 1"),
+    ):
+        planner.next_plan(VEHICLE, voxels, [HERE])
+    assert time.monotonic() - began_s < LOAD_FACTOR * (1.0 + START_S)
+
+
+@pytest.mark.parametrize("name", [each.name for each in SENDING])
+@pytest.mark.usefixtures("no_process_left")
+def test_what_a_planner_sends_that_is_no_answer_is_quoted(voxels: OccupancyMap, name: str) -> None:
+    """It was unpickled, and ended the whole command with a traceback."""
+    with (
+        PlannerProcess(name, 1, timeout_s=60.0) as planner,
+        pytest.raises(PlannerError, match=f"'{name}' sent b.*, which is no answer$"),
+    ):
+        planner.next_plan(VEHICLE, voxels, [HERE])
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
+        ("closing", "'closing' closed the connection of its process$"),
+        ("daemon_gone", "'daemon_gone' ended its process \\(exit code 3\\)$"),
+        ("flooding", "'flooding' sent more than 4000000 bytes, which are no answer$"),
         ("crashing", "'crashing' ended its process \\(SIGSEGV\\)"),
         ("leaving", "'leaving' failed: SystemExit: '0'"),
+        ("wordless", "'wordless' failed: Error: 'an error without a text'"),
         ("unmade", "'unmade' failed: RuntimeError: 'weights.pt is missing'"),
     ],
 )

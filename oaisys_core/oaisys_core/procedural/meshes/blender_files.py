@@ -25,6 +25,7 @@ from oaisys_core.procedural.meshes.mesh_arrays import mesh_from_arrays
 from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.system.ending.leftovers import temporary_folder
 from oaisys_core.system.ending.owner import owner_variables
+from oaisys_core.system.program_output import last_lines
 from oaisys_core.system.python_programs import python_command, python_environment
 
 LOG = logging.getLogger(__name__)
@@ -108,8 +109,7 @@ def _read_blend(
             while len(_slow) > MAX_SLOW:
                 _slow.popitem(last=False)
             raise InvalidInputError(field, str(path), expected) from error
-    lines = log.read_bytes()[-10_000:].decode(errors="replace").strip().splitlines()
-    said = next((line for line in reversed(lines) if "Error" in line), "no message")[:300]
+    said = next((line for line in reversed(last_lines(log)) if "Error" in line), "no message")
     if "BackendUnavailableError" in said or "No module named 'bpy'" in said:
         raise BackendUnavailableError(f"{field}: {path} needs Blender: bpy is not installed")
     if code or not out.exists():

@@ -16,7 +16,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
@@ -25,7 +24,6 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 RECEIVED: list[int] = []
 """The signals that have interrupted this process, the first of which is its exit code."""
 
-_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 _SHOWN_CURSOR = b"\x1b[?25h\r\n"
 
 
@@ -84,11 +82,12 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
         grace_s: How long the child may take to end by itself after `KeyboardInterrupt`; 0: it is
             killed at once.
     """
+    from oaisys_core.system.ending.descendants import adopt_orphans, kill_descendants
     from oaisys_core.system.ending.last_words import LastWords, record_last_words
     from oaisys_core.system.ending.leftovers import Leftovers, record_leftovers
 
     record, words = Leftovers(), LastWords()
-    _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    adopt_orphans()
     sys.stdout.flush()
     sys.stderr.flush()
     parent = os.getpid()
@@ -132,14 +131,16 @@ def work_in_child(command: str, grace_s: float = 0.0) -> None:
 
 def _begin_work(parent: int, *, is_interrupted: bool) -> None:
     """Leave the terminal's foreground, and die with the parent."""
+    from oaisys_core.system.ending.descendants import adopt_orphans, end_with_parent
+
     os.setpgid(0, 0)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     # Programs that are started get the default again, which they would not if it was ignored.
     _handle(lambda *_: None)
     if is_interrupted:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    _prctl(_PR_SET_CHILD_SUBREAPER, 0)
+    end_with_parent(signal.SIGKILL)
+    adopt_orphans(wanted=False)
     if os.getppid() != parent:
         os._exit(1)
 
@@ -157,28 +158,6 @@ def _write_end(command: str, how: str) -> None:
         if os.isatty(2):
             os.write(2, _SHOWN_CURSOR)  # the progress display has hidden it
         os.write(2, f"oaisys {command}: {how}\n".encode())
-
-
-def kill_descendants() -> None:
-    """Kill the children of this process, and theirs, which become its own as their parents die."""
-    while children := list(_children()):
-        for child in children:
-            with suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
-        with suppress(ChildProcessError):
-            os.waitpid(-1, 0)
-
-
-def _children() -> Iterator[int]:
-    """Yield the ids of the children of this process."""
-    own = str(os.getpid()).encode()
-    for entry in os.scandir("/proc"):
-        if entry.name.isdecimal():
-            with suppress(OSError):
-                # The name before state and parent may have blanks and parentheses.
-                rest = Path(entry.path, "stat").read_bytes().rpartition(b")")[2].split()
-                if rest[1] == own:
-                    yield int(entry.name)
 
 
 def end_service_at_signals(handler: Callable[[int, FrameType | None], object] | int) -> None:
@@ -235,9 +214,3 @@ def _handle(handler: object) -> None:
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)  # type: ignore[arg-type]
-
-
-def _prctl(option: int, value: int) -> None:
-    import ctypes
-
-    ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError, OaisysError, RenderError
 from oaisys_core.files.names import NAME_EXPECTED, is_name
-from oaisys_core.system.ending.owner import command_with_owner
+from oaisys_core.system.ending.descendants import command_with_descendants
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.types import Pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
@@ -105,7 +105,7 @@ def watch(
     result.end(f"{limits.views} views")
     if limits.views == 1:
         return result
-    command = command_with_owner(planner.command)
+    command = command_with_descendants(planner.command)
     with ManagedProcess(planner.name, command, log, os.environ, logs_output=True) as process:
         try:
             _follow(planner, process, client, limits, goes_on, result)
