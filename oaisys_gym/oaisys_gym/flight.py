@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
+from oaisys_core.geometry.poses import has_mask
 from oaisys_core.types import DEPTH, FloatArray, Pose
 from oaisys_gym.terrain_env import Observation, TerrainEnv
 from oaisys_mapping.exploration.flight_box import flight_box
@@ -148,9 +149,11 @@ def check_action(action: object, size: int) -> FloatArray:
     """Return an action as (size,) numbers, clipped to -1 to 1.
 
     Raises:
-        InvalidInputError: It has another shape, or a number that is not finite.
+        InvalidInputError: It has another shape, or a number that is not finite or masked.
     """
     expected = f"{size} finite numbers from -1 to 1"
+    if has_mask(action):
+        raise InvalidInputError("action", action, f"{expected}, none of them masked")
     try:
         given = np.asarray(action)
     except (TypeError, ValueError) as error:  # rows of different lengths

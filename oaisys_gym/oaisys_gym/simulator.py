@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import weakref
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -15,6 +14,8 @@ import numpy as np
 import yaml
 
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.geometry.poses import has_mask
+from oaisys_core.system.owned_folders import OwnedFolder, remove_abandoned
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.system.socket_paths import socket_parent
@@ -29,7 +30,10 @@ START_TIMEOUT_S = 180.0
 CALL_TIMEOUT_S = 120.0
 """How long a new world or a view may take."""
 
-_SOCKET_BYTES = len("/oaisys-gym-12345678/server")
+FOLDER_PREFIX = "oaisys-gym-"
+"""Of the folder of a simulator that is started here."""
+
+_SOCKET_BYTES = len(f"/{FOLDER_PREFIX}12345678/server")
 _IMPORTED_IN = os.getpid()
 
 
@@ -41,7 +45,7 @@ class EpisodeSimulator:
         client: Its client.
         close: Ends the connection, and the simulator if it was started here. It is also called
             when this object is no longer used and when Python ends; a simulator whose owner is
-            killed ends by itself.
+            killed ends by itself, and removes its folder. In a fork of the process it does nothing.
     """
 
     def __init__(self, config: str | Path | Mapping[str, Any] | None, address: str) -> None:
@@ -71,7 +75,13 @@ class EpisodeSimulator:
             self.address = address
             self.client = stack.enter_context(SimulatorClient(address, timeout_s=CALL_TIMEOUT_S))
             self.client.wait_ready(START_TIMEOUT_S)
-            self.close = weakref.finalize(self, stack.pop_all().close)
+            self.close = weakref.finalize(self, _close_own, os.getpid(), stack.pop_all())
+
+
+def _close_own(process: int, stack: ExitStack) -> None:
+    """End what a process has started, but not in a fork of it, whose parent still uses it."""
+    if os.getpid() == process:
+        stack.close()
 
 
 def _plain(value: object, field: str) -> Any:
@@ -82,6 +92,8 @@ def _plain(value: object, field: str) -> Any:
     """
     if isinstance(value, Mapping):
         return {_plain(key, field): _plain(each, f"{field}.{key}") for key, each in value.items()}
+    if has_mask(value):
+        raise InvalidInputError(field, value, "numbers of which none is masked")
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
@@ -96,9 +108,8 @@ def _plain(value: object, field: str) -> Any:
 def _start(stack: ExitStack, config: str | Path | Mapping[str, Any] | None) -> str:
     """Start a simulator that ``stack`` ends; return its address."""
     parent = socket_parent(_SOCKET_BYTES)
-    folder = Path(
-        stack.enter_context(tempfile.TemporaryDirectory(prefix="oaisys-gym-", dir=parent))
-    )
+    remove_abandoned(FOLDER_PREFIX, parent)
+    folder = stack.enter_context(OwnedFolder(FOLDER_PREFIX, parent)).path
     if isinstance(config, Mapping):
         file = folder / "worlds.yaml"
         file.write_text(yaml.safe_dump(_plain(config, "config")), encoding="utf-8")

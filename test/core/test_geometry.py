@@ -104,6 +104,15 @@ def test_positions_whose_squares_overflow_are_refused(far_m: float) -> None:
             geometry.check_pose((0, 0, 0), none)
 
 
+def test_what_an_array_masks_is_no_number() -> None:
+    here, level = np.zeros(3), np.array((0.0, 0, 0, 1))
+    with pytest.raises(InvalidInputError, match=r"pose\.position"):
+        geometry.check_pose(np.ma.array(here, mask=[0, 1, 0]), level)
+    with pytest.raises(InvalidInputError, match=r"pose\.orientation"):
+        geometry.check_pose(here, np.ma.array(level, mask=True))
+    geometry.check_pose(np.ma.array(here), np.ma.array(level, mask=False))
+
+
 def test_looking_at_points_at_the_target_without_roll() -> None:
     pose = geometry.pose_looking_at((1, 2, 3), (4, -2, 1))
     R = geometry.pose_to_matrix(pose)[:3, :3]

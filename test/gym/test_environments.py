@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +14,7 @@ import numpy as np
 import psutil
 import pytest
 from gymnasium.utils.env_checker import check_env
-from waiting import wait_until
+from waiting import START_PATIENCE_S, wait_until
 
 import oaisys_gym  # noqa: F401 - registers the environments
 from oaisys_core.errors import InvalidInputError, OaisysError
@@ -181,6 +185,7 @@ def test_wrong_actions_and_options_are_refused(address: str) -> None:
         (5, "config: received 5"),
         ({"stage": {"extent_m": {1, 2}}}, r"config\.stage\.extent_m: received \{1, 2\}"),
         ({"seed": [1, object()]}, r"config\.seed\.1: received <object"),
+        ({"seed": np.ma.array(3, mask=True)}, r"config\.seed: received masked"),
     ],
 )
 def test_what_is_no_configuration_is_refused_by_name(config: Any, message: str) -> None:
@@ -200,7 +205,10 @@ def test_what_is_no_action_is_refused_and_the_episode_goes_on(name: str, address
     environment.reset(seed=1)
     ragged = [1, [2]]
     infinite, imaginary = np.full(size, np.inf), np.full(size, 1j)
+    masked = np.ma.array(np.zeros(size), mask=True)
+    partly = np.ma.array(np.zeros(size), mask=[True] + [False] * (size[0] - 1))
     none: tuple[Any, ...] = (ragged, infinite, "x", None, imaginary, np.zeros(7), -1)
+    none += (masked, partly, np.ma.masked)
     for action in none:
         with pytest.raises(InvalidInputError, match="action: received"):
             environment.step(action)
@@ -216,6 +224,66 @@ def test_a_forked_process_is_told_to_spawn(monkeypatch: pytest.MonkeyPatch, addr
     monkeypatch.setattr(simulator, "_IMPORTED_IN", 1)
     with pytest.raises(OaisysError, match='context="spawn"'):
         EpisodeSimulator(None, address)
+
+
+FORK = """
+import os, sys, numpy as np
+from oaisys_gym.coverage import Coverage
+environment = Coverage(address=sys.argv[1])
+environment.reset(seed=1)
+for end in (sys.exit, lambda: (environment.close(), sys.exit())):
+    child = os.fork()
+    if not child:
+        end()
+    os.waitpid(child, 0)
+environment.step(np.zeros(2))
+print("goes on", os.path.dirname(environment._simulator.address.removeprefix("unix:")), flush=True)
+"""
+
+
+def run_in_own_process(code: str, folder: Path) -> subprocess.Popen[str]:
+    """Start a program with an environment of its own, which is the first argument's address."""
+    return subprocess.Popen(
+        [sys.executable, "-c", code, ""],
+        env={**os.environ, "TMPDIR": str(folder)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.usefixtures("no_process_left")
+def test_a_forked_process_ends_nothing_of_its_parents(tmp_path: Path) -> None:
+    """Python's end in the fork ended the parent's simulator, and removed its folder."""
+    with run_in_own_process(FORK, tmp_path) as program:
+        said, _ = program.communicate(timeout=START_PATIENCE_S)
+    assert said.startswith(f"goes on {tmp_path}")
+    assert not list(tmp_path.glob("oaisys-gym-*"))
+
+
+@pytest.mark.usefixtures("no_process_left")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_a_killed_program_leaves_no_folder(number: signal.Signals, tmp_path: Path) -> None:
+    begin, _, _ = FORK.partition("for end")
+    code = f"{begin}\nprint(flush=True)\nimport time; time.sleep(1000)"
+    with run_in_own_process(code, tmp_path) as program:
+        assert program.stdout is not None
+        program.stdout.readline()
+        assert list(tmp_path.glob("oaisys-gym-*"))
+        program.send_signal(number)
+    wait_until(lambda: not list(tmp_path.glob("oaisys-gym-*")))
+
+
+def test_what_a_dead_program_has_left_is_gone_after_the_next_start(tmp_path: Path) -> None:
+    code = "from oaisys_core.system.owned_folders import OwnedFolder; import os; "
+    code += "OwnedFolder('oaisys-gym-'); os._exit(0)"
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    other = tmp_path / "oaisys-gym-other"
+    other.mkdir()
+    assert len(list(tmp_path.iterdir())) == 2
+    with run_in_own_process(FORK, tmp_path) as program:
+        program.communicate(timeout=START_PATIENCE_S)
+    assert list(tmp_path.glob("oaisys-gym-*")) == [other]
 
 
 @pytest.mark.long

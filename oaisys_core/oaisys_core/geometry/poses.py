@@ -99,6 +99,11 @@ def expect_unit_norm(norm: float) -> str:
     return f"a unit quaternion (norm within {QUATERNION_TOLERANCE} of 1, not {norm:.6g})"
 
 
+def has_mask(values: object) -> bool:
+    """Return whether an array masks a value, which `numpy.asarray` would take for a number."""
+    return isinstance(values, np.ma.MaskedArray) and bool(np.any(values.mask))
+
+
 def check_position(position_m: ArrayLike, field: str) -> FloatArray:
     """Return (3,) untrusted coordinates in metres as an array.
 
@@ -111,7 +116,8 @@ def check_position(position_m: ArrayLike, field: str) -> FloatArray:
         position = np.asarray(position_m, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidInputError(field, position_m, expected) from error
-    if position.shape != (3,) or not (np.abs(position) <= MAX_M).all():
+    is_position = position.shape == (3,) and not has_mask(position_m)
+    if not (is_position and (np.abs(position) <= MAX_M).all()):
         raise InvalidInputError(field, position.tolist(), expected)
     return position
 
@@ -132,7 +138,8 @@ def check_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose")
     except (TypeError, ValueError) as error:
         expected = "four finite numbers"
         raise InvalidInputError(f"{field}.orientation", quat_xyzw, expected) from error
-    if quat.shape != (4,) or not np.isfinite(quat).all():
+    is_quaternion = quat.shape == (4,) and not has_mask(quat_xyzw)
+    if not (is_quaternion and np.isfinite(quat).all()):
         raise InvalidInputError(f"{field}.orientation", quat.tolist(), "four finite numbers")
     norm = float(np.linalg.norm(quat))
     if expected := expect_unit_norm(norm):

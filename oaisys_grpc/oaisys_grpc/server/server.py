@@ -17,7 +17,15 @@ from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensing.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.ending.signals import end_service_at_signals
-from oaisys_grpc.addresses import UNIX, grpc_target, host_and_port, private_socket, remove_socket
+from oaisys_core.system.owned_folders import remove_abandoned, remove_if_abandoned
+from oaisys_grpc.addresses import (
+    UNIX,
+    grpc_target,
+    host_and_port,
+    private_socket,
+    remove_socket,
+    unix_path,
+)
 from oaisys_grpc.contract.request_bounds import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
@@ -33,7 +41,7 @@ from oaisys_grpc.server.limits.slots import THREADS
 from oaisys_grpc.server.options import ServerOptions
 from oaisys_grpc.server.servicer import SimulatorServicer, send_reason
 from oaisys_grpc.server.supervision.supervisor import Supervisor
-from oaisys_grpc.server.supervision.worker_folder import remove_abandoned
+from oaisys_grpc.server.supervision.worker_process import FOLDER_PREFIX
 
 _LOG = logging.getLogger(__name__)
 
@@ -127,7 +135,7 @@ class SimulatorServer:
 
     def start(self) -> Future[None]:
         """Answer calls; return what is done once the worker is ready, or has failed to start."""
-        remove_abandoned()
+        remove_abandoned(FOLDER_PREFIX)
         if self._options.worker_log_folder is not None:
             self._supervisor.log.open(self._options.worker_log_folder, self.address)
         self._server.start()
@@ -153,6 +161,9 @@ class SimulatorServer:
         self._calls.close()
         self._threads.shutdown()
         remove_socket(self.address)
+        if self.address.startswith(UNIX):
+            # A program that was killed has left the folder that it had made for the socket.
+            remove_if_abandoned(unix_path(self.address).parent)
 
     def _add_services(self) -> None:
         """Add all that answers at the port."""

@@ -20,6 +20,7 @@ from oaisys_core.errors import DeadlineExceededError, OaisysError, RenderError
 from oaisys_core.files.folders import own_folder
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.system.ending.signals import defer_signals
+from oaisys_core.system.owned_folders import OwnedFolder, remove_abandoned
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.program_output import last_lines
 from oaisys_core.system.python_programs import python_command
@@ -50,6 +51,8 @@ MAP_TIMEOUT_S = 120.0
 
 _WARNING = re.compile(r"\b(WARN|WARNING|ERROR|CRITICAL|FATAL)\b|Traceback|Fatal Python error")
 _POLL_PERIOD_S = 0.5
+SOCKET_PREFIX = "oaisys-run-"
+"""Of the folder of a simulator's socket."""
 _LONGEST_FOLDER = 80
 """Characters of a folder for a socket, whose path has at most 107."""
 _LINES_QUOTED = 3
@@ -105,7 +108,7 @@ def bring_up(
         wanted = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensors.modalities)
         stack.enter_context(naming_logs(options.out / "logs"))
         stack.enter_context(own_domain())
-        address = f"unix:{stack.enter_context(socket_folder())}/server"
+        address = f"unix:{stack.enter_context(socket_folder()).path}/server"
         processes = _Processes(options, stack)
         reporter.say("starting the simulator")
         server = processes.start_server(config_path, address)
@@ -139,11 +142,12 @@ def serve_arguments(options: ExperimentOptions, config_path: Path, address: str)
     return [*arguments, *options.server_options]
 
 
-def socket_folder() -> tempfile.TemporaryDirectory[str]:
+def socket_folder() -> OwnedFolder:
     """Return a folder for a socket, whose address is known before the server runs."""
     usual = tempfile.gettempdir()
-    short = usual if len(usual) <= _LONGEST_FOLDER else "/tmp"  # noqa: S108 - made for this user
-    return tempfile.TemporaryDirectory(prefix="oaisys-", dir=short)
+    short = Path(usual if len(usual) <= _LONGEST_FOLDER else "/tmp")  # noqa: S108 - this user's
+    remove_abandoned(SOCKET_PREFIX, short)
+    return OwnedFolder(SOCKET_PREFIX, short)
 
 
 def _topic_prefix(sensors: ConfiguredSensors) -> str:

@@ -47,7 +47,7 @@ def start_simulator(options: ExperimentOptions) -> Iterator[LiveSimulator]:
     config_path = write_config(options)
     with ExitStack() as stack:
         stack.enter_context(naming_logs(options.out / "logs"))
-        address = f"unix:{stack.enter_context(socket_folder())}/server"
+        address = f"unix:{stack.enter_context(socket_folder()).path}/server"
         command = python_command("oaisys_grpc", *serve_arguments(options, config_path, address))
         log = options.out / "logs" / "server.log"
         with defer_signals():

@@ -25,9 +25,14 @@ def test_what_a_killed_survey_has_started_ends_and_finishes_its_bag(tmp_path: Pa
     out, mark = tmp_path / "out", str(uuid.uuid4())
     command = [sys.executable, "-m", "oaisys_core", "survey", "--config", str(world)]
     command += ["--out", str(out), "--views", "30", "--size", "160x120"]
+    (folder := tmp_path / "tmp").mkdir()
     with (tmp_path / "log").open("w") as log:
         survey = subprocess.Popen(
-            command, stdout=log, stderr=log, env={**os.environ, MARK: mark}, start_new_session=True
+            command,
+            stdout=log,
+            stderr=log,
+            env={**os.environ, MARK: mark, "TMPDIR": str(folder)},
+            start_new_session=True,
         )
     bag = out / "bag"
     wait_until(
@@ -42,6 +47,7 @@ def test_what_a_killed_survey_has_started_ends_and_finishes_its_bag(tmp_path: Pa
     survey.wait(PATIENCE_S)
 
     wait_until(lambda: not marked_processes(mark), explain=lambda: marked_processes(mark))
+    assert not list(folder.glob("oaisys-run-*"))  # the server's, with its socket
     assert (bag / "metadata.yaml").is_file()
     with next(bag.glob("*.mcap")).open("rb") as stream:
         summary = make_reader(stream).get_summary()

@@ -25,10 +25,10 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
+from oaisys_core.system.owned_folders import OwnedFolder
 from oaisys_core.system.python_programs import python_command, python_environment
 from oaisys_grpc.memory import resident_bytes
 from oaisys_grpc.server.supervision.crashes import KilledWorkerError, OutgrownWorkerError
-from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_limits import (
     MEGABYTE,
     CallLimit,
@@ -40,6 +40,8 @@ from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 _LOG = logging.getLogger(__name__)
+FOLDER_PREFIX = "oaisys-worker-"
+"""Of the folder for a worker's temporary files."""
 RENDER_STATISTICS = "Fra:"
 """Prefix of the lines that Blender 4.5 prints as it renders; they would displace errors."""
 
@@ -76,7 +78,7 @@ class WorkerProcess:
             BackendUnavailableError: ``python`` cannot be run.
         """
         # Blender's own temporary files would stay behind when it is killed.
-        self._folder = WorkerFolder()
+        self._folder = OwnedFolder(FOLDER_PREFIX)
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = self._start(python, theirs.fileno())

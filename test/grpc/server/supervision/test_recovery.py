@@ -23,7 +23,6 @@ from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import ModuleMetadata, Progress, Sample
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.faults import ServerUnavailableError
-from oaisys_grpc.server.supervision.worker_folder import PREFIX
 from oaisys_grpc.server.supervision.worker_limits import (
     CANCEL_IDLE_S,
     CANCEL_WORK_S,
@@ -31,7 +30,7 @@ from oaisys_grpc.server.supervision.worker_limits import (
     ProcessorTime,
 )
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
-from oaisys_grpc.server.supervision.worker_process import WorkerProcess
+from oaisys_grpc.server.supervision.worker_process import FOLDER_PREFIX, WorkerProcess
 from oaisys_grpc.worker.protocol import WorkerMessage
 
 StartServer = Callable[..., Server]
@@ -229,8 +228,8 @@ def test_what_a_killed_server_left_is_gone_after_the_next_start(
 ) -> None:
     """Another server's folder stays, and so does what is no server's at all."""
     shared = tmp_path / "shared"
-    (shared / f"{PREFIX}not-ours").mkdir(parents=True)
-    (shared / f"{PREFIX}link").symlink_to(tmp_path)
+    (shared / f"{FOLDER_PREFIX}not-ours").mkdir(parents=True)
+    (shared / f"{FOLDER_PREFIX}link").symlink_to(tmp_path)
     others = set(shared.iterdir())
     killed = start_server(FLAT_WORLD, TMPDIR=str(shared))
     with killed.client() as client:

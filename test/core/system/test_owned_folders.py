@@ -1,0 +1,51 @@
+"""Folders that are removed although the process that made them was killed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from oaisys_core.system.owned_folders import OwnedFolder, remove_abandoned, remove_if_abandoned
+
+
+def leave(folder: Path) -> Path:
+    """Have another process make a folder, and end."""
+    code = "import os, sys; from pathlib import Path; "
+    code += "from oaisys_core.system.owned_folders import OwnedFolder; "
+    code += "sys.stdout.write(str(OwnedFolder('a-', Path(sys.argv[1])).path)); "
+    code += "sys.stdout.flush(); os._exit(0)"
+    command = [sys.executable, "-c", code, str(folder)]
+    return Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def test_folders_of_the_dead_alone_are_removed(tmp_path: Path) -> None:
+    left, named = leave(tmp_path), leave(tmp_path)
+    named = named.rename(tmp_path / "b")
+    (tmp_path / "a-other").mkdir()
+    (tmp_path / "a-link").symlink_to(named)
+    with OwnedFolder("a-", tmp_path) as own:
+        remove_abandoned("a-", tmp_path)
+        remove_if_abandoned(own.path)
+        assert own.path.is_dir()
+        assert not left.exists()
+        assert {each.name for each in tmp_path.iterdir()} - {own.path.name} == {
+            "a-other",
+            "a-link",
+            "b",
+        }
+    assert not own.path.exists()
+    remove_if_abandoned(named)
+    assert not named.exists()
+
+
+def test_a_fork_removes_nothing(tmp_path: Path) -> None:
+    with OwnedFolder("a-", tmp_path) as own:
+        child = os.fork()
+        if not child:
+            own.remove()
+            os._exit(0)
+        os.waitpid(child, 0)
+        remove_abandoned("a-", tmp_path)
+        assert own.path.is_dir()
