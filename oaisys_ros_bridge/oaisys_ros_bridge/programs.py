@@ -8,6 +8,7 @@ from importlib import import_module
 from oaisys_core.errors import ShortageError
 from oaisys_core.system.ending.owner import follow_owner
 from oaisys_core.system.ending.signals import exit_at_signals
+from oaisys_core.system.standard_streams import open_standard_streams
 
 
 def bridge() -> int:
@@ -33,6 +34,7 @@ def recorder() -> int:
 def _run(name: str) -> int:
     exit_at_signals()
     follow_owner()
+    open_standard_streams()
     try:
         module = import_module(f"oaisys_ros_bridge.nodes.{name}")
     except ShortageError as error:

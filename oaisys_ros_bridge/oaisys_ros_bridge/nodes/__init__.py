@@ -9,6 +9,7 @@ import sys
 from oaisys_core.errors import ShortageError
 from oaisys_core.system.ending.owner import follow_owner
 from oaisys_core.system.ending.signals import exit_at_signals
+from oaisys_core.system.standard_streams import open_standard_streams
 from oaisys_ros_bridge.shared_memory import require_shared_memory
 
 _IS_PROGRAM = sys.argv[:1] == ["-m"]  # as in `python -m oaisys_ros_bridge.nodes.bridge`
@@ -16,6 +17,7 @@ _IS_PROGRAM = sys.argv[:1] == ["-m"]  # as in `python -m oaisys_ros_bridge.nodes
 if _IS_PROGRAM:
     exit_at_signals()
     follow_owner()
+    open_standard_streams()
 if "rclpy" not in sys.modules:
     try:
         require_shared_memory()

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from rclpy.utilities import remove_ros_args
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.system.standard_streams import open_standard_streams
 from oaisys_ros_bridge.parameters.reference import NODES, DescribedNode
 from oaisys_ros_bridge.parameters.table import ParameterRow
 from oaisys_ros_bridge.private.argument_errors import argument_errors
@@ -39,7 +38,6 @@ def parse_arguments(
     Exits with code 0 after ``--help``, and with 2 and a sentence for an argument that neither the
     program nor ROS knows.
     """
-    open_standard_streams()
     given = list(sys.argv if arguments is None else arguments)
     try:
         with check_ros_arguments(given[1:]):

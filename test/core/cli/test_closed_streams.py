@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 
 from oaisys_core.system.standard_streams import printable
 
@@ -57,3 +59,46 @@ def test_full_standard_output_is_a_sentence(rendered: Path) -> None:
 
 def test_control_characters_of_others_do_not_reach_the_terminal() -> None:
     assert printable("a\x1b[2J\u202eb\nc\td") == "a\\x1b[2J\\u202eb\nc\td"
+
+
+@pytest.mark.parametrize("module", ["gallery", "gallery.look_book", "gallery.imports", "bench"])
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_tools_work_with_closed_streams(module: str, closed: str) -> None:
+    """It was AttributeError: the process that waits for a child flushes its streams."""
+    command = f"exec {sys.executable} -m tools.{module} --no-such-option {closed}"
+    done = subprocess.run(
+        ["sh", "-c", command], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+HOOK = """\
+import os, sys
+
+class Looking:
+    def find_spec(self, name, path=None, target=None):
+        if name == "rclpy":
+            for number in range(3):
+                os.fstat(number)
+
+sys.meta_path.insert(0, Looking())
+"""
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("node", ["bridge", "mapper", "player", "recorder", "drive"])
+def test_nodes_open_closed_streams_before_ros_is_loaded(node: str, tmp_path: Path) -> None:
+    """What ROS opens while it is loaded got the numbers of streams."""
+    (tmp_path / "sitecustomize.py").write_text(HOOK)
+    command = f"exec {sys.executable} -m oaisys_ros_bridge.nodes.{node} --no-such-option >&- <&-"
+    done = subprocess.run(
+        ["sh", "-c", command],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
