@@ -17,7 +17,7 @@ LONGEST_LINE = 300
 
 
 def last_lines(log: Path) -> list[str]:
-    """Return the lines in the end of a log, as `shown_lines` does; none where it cannot be read."""
+    """Return the last `READ_BYTES` of a log as `printable_lines`; none where it cannot be read."""
     try:
         with log.open("rb") as file:
             file.seek(0, os.SEEK_END)
@@ -25,10 +25,10 @@ def last_lines(log: Path) -> list[str]:
             found = file.read(READ_BYTES)
     except OSError:
         return []
-    return shown_lines(found.decode(errors="replace"))
+    return printable_lines(found.decode(errors="replace"))
 
 
-def shown_lines(text: str) -> list[str]:
+def printable_lines(text: str) -> list[str]:
     """Return the lines of a text as they can be shown: printable, and of bounded length."""
     return [_shown(line) for line in text.splitlines()]
 

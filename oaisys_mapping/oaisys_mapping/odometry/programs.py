@@ -10,7 +10,7 @@ from pathlib import Path
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.system.ending.owner import command_with_owner
-from oaisys_core.system.program_output import shown_lines
+from oaisys_core.system.program_output import printable_lines
 from oaisys_core.system.python_programs import python_environment
 
 TIMEOUT_S = 1800.0
@@ -64,6 +64,6 @@ def run_program(
     except subprocess.TimeoutExpired as error:
         raise ProgramError(f"{name}: no end after {TIMEOUT_S:g} s") from error
     if done.returncode:
-        lines = shown_lines((done.stderr or done.stdout).strip())[-3:]
+        lines = printable_lines((done.stderr or done.stdout).strip())[-3:]
         raise ProgramError(f"{name} ended with exit code {done.returncode}: {' | '.join(lines)}")
     return done.stdout
