@@ -44,7 +44,21 @@ def show_field(path: str) -> str:
     metadata.sensor.a\x1b[31m
     """
     shown = path if len(path) <= LONGEST_FIELD else f"{path[: LONGEST_FIELD - 3]}..."
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in shown)
+    return _escape_unprintable(shown)
+
+
+def one_line(text: str) -> str:
+    r"""Return a text of others in one line, without characters that YAML, UTF-8 or a terminal lack.
+
+    >>> print(one_line("a key\nseed: 1 \x1b[31m"))
+    a key seed: 1 \x1b[31m
+    """
+    # str.split has all that YAML and str.splitlines take for the end of a line.
+    return _escape_unprintable(" ".join(text.split()))
+
+
+def _escape_unprintable(text: str) -> str:
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
 def _characters(value: object, depth: int) -> Iterator[str]:

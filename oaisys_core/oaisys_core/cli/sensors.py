@@ -119,13 +119,17 @@ def _calibration(
 def _text(heading: str, sections: dict[str, Any], notes: Sequence[str]) -> str:
     import yaml
 
+    from oaisys_core.files.yaml_documents import yaml_comments
+
     lines = [heading, *(f"{note}." for note in notes)]
     body = yaml.safe_dump(sections, sort_keys=False, default_flow_style=None)
-    return "".join(f"# {_sentence(line)}\n" for line in lines) + str(body)
+    return yaml_comments(map(_sentence, lines)) + str(body)
 
 
 def _sentence(text: str) -> str:
-    """Return a text on one line, as names in files may have line ends, with a capital."""
-    plain = " ".join(text.split())
+    """Return a text in one line, with a capital unless it begins with a name."""
+    from oaisys_core.errors import one_line
+
+    plain = one_line(text)
     is_name = plain.partition(" ")[0].endswith((":", ","))
     return plain if is_name else plain[0].upper() + plain[1:]

@@ -1,12 +1,12 @@
-"""YAML from outside, within bounds of size, nesting and repetition."""
+"""YAML from outside, within bounds of size, nesting and repetition; text of others in comments."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from oaisys_core.errors import quote
+from oaisys_core.errors import one_line, quote
 from oaisys_core.files.documents import MAX_DEPTH, MAX_TEXT_BYTES, MAX_VALUES, DocumentError
 
 if TYPE_CHECKING:
@@ -37,6 +37,15 @@ _READ_DIFFERENTLY = re.compile(
 
 Not ``1e3`` and ``-.5``, text in YAML 1.1: where a number is expected, both versions give it.
 """
+
+
+def yaml_comments(lines: Iterable[str]) -> str:
+    r"""Return YAML comments that show texts of others, each in one line, however they break.
+
+    >>> yaml_comments(["a key\nseed: 1", "\x1b[31m"])
+    '# a key seed: 1\n# \\x1b[31m\n'
+    """
+    return "".join(f"# {one_line(line)}\n" for line in lines)
 
 
 def parse_yaml(text: str) -> Any:

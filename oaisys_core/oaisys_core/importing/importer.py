@@ -7,7 +7,8 @@ from pathlib import Path
 
 import yaml
 
-from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.errors import ConfigError, InvalidInputError, one_line, show_field
+from oaisys_core.files.yaml_documents import yaml_comments
 from oaisys_core.importing.assets import assets, stage
 from oaisys_core.importing.context import ImportContext
 from oaisys_core.importing.document import (
@@ -45,20 +46,20 @@ class ImportedConfig:
     warnings: tuple[str, ...]
 
     def notes(self) -> list[str]:
-        """Return one line per key that was not mapped, and one per warning."""
+        """Return one line per key that was not mapped, and one per warning, whatever keys have."""
         unmapped = {
             path: outcome for path, outcome in self.outcomes.items() if outcome.kind != "mapped"
         }
         keys = [
             f"{path}: {outcome.kind}: {outcome.text}" for path, outcome in sorted(unmapped.items())
         ]
-        return [*keys, *(f"warning: {text}" for text in self.warnings)]
+        return [one_line(each) for each in (*keys, *(f"warning: {w}" for w in self.warnings))]
 
     def text(self, source: str) -> str:
         """Return the YAML file, with the notes as comments."""
         head = [f"Imported from {source}. What could not be imported:", *self.notes()]
-        comments = "".join(f"# {line}\n" for line in head)
-        return comments + yaml.safe_dump(self.config, sort_keys=False, allow_unicode=True)
+        body = yaml.safe_dump(self.config, sort_keys=False, allow_unicode=True)
+        return yaml_comments(head) + str(body)
 
 
 def import_file(
@@ -86,7 +87,7 @@ def import_file(
     outcomes = {key: outcome_of(key) or UNKNOWN for key in key_paths(document)}
     unknown = sorted(key for key, outcome in outcomes.items() if outcome is UNKNOWN)
     if strict and unknown:
-        raise ConfigError("\n".join(f"{path}: {key}: unknown key" for key in unknown))
+        raise ConfigError("\n".join(f"{path}: {show_field(key)}: unknown key" for key in unknown))
     if strict and stand_ins is not None:
         raise InvalidInputError("--stand-ins", str(stand_ins), "none with --strict")
     made = None if stand_ins is None else StandIns(stand_ins)

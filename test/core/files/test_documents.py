@@ -22,7 +22,7 @@ from oaisys_core.files.documents import (
     parse_json,
     read_text,
 )
-from oaisys_core.files.yaml_documents import parse_yaml
+from oaisys_core.files.yaml_documents import parse_yaml, yaml_comments
 
 LAUGHS = "a0: &a0 [lol]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10)
@@ -299,3 +299,10 @@ def test_of_a_long_path_errors_show_the_file() -> None:
     assert len(shown) <= 80
     assert shown.startswith("'/data/")
     assert shown.endswith("stage.obj'")
+
+
+def test_no_character_ends_a_comment() -> None:
+    every = "".join(f"{chr(number)}seed: 666" for number in range(0x110000))
+    text = yaml_comments([every])
+    assert len(text.splitlines()) == 1
+    assert yaml.safe_load(text.encode("utf-8")) is None

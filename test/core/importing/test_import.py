@@ -458,6 +458,24 @@ def test_unknown_keys_are_told_or_refused(tmp_path: Path) -> None:
         import_file(write(data, tmp_path), strict=True)
 
 
+@pytest.mark.parametrize("end", ["\n", "\r", "\v", "\f", "\x1c", "\x85", "\u2028", "\u2029"])
+def test_no_key_of_the_file_becomes_a_setting(end: str, tmp_path: Path) -> None:
+    base = import_file(write(document(), tmp_path)).config
+    key = f"zz{end}seed: 666{end}variants: [{{name: evil, stage: {{preset: plane}}}}]{end}#"
+    data = document()
+    data["SIMULATION_SETUP"][key] = 1
+    data["SENSOR_SETUP"]["SENSORS"].append({"type": f"x{end}seed: 666"})
+    found = import_file(write(data, tmp_path))
+    text = found.text(f"of{end}seed: 666")
+    assert yaml.safe_load(text) == base
+    assert all(len(line.splitlines()) == 1 for line in found.notes())
+    (tmp_path / "ours.yaml").write_text(text, encoding="utf-8")
+    assert load_config(tmp_path / "ours.yaml").seed == SimulationConfig().seed
+    with pytest.raises(ConfigError) as refused:
+        import_file(write(data, tmp_path), strict=True)
+    assert "\nseed" not in str(refused.value)
+
+
 @pytest.mark.parametrize("text", ["[]", "{", '{"a": 1}'])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "original.json"
