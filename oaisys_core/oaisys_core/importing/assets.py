@@ -173,7 +173,7 @@ def _cover(settings: Json, power: float) -> float:
     """
     ends = [float(settings.get(f"colorStopPosition_{i}", i)) for i in (0, 1)]
     white = [sum(settings.get(f"colorStopColor_{i}", [i, i, i])[:3]) for i in (0, 1)]
-    threshold = sum(ends) / 2 / max(float(settings.get("intensity", 1.0)), 1e-6) / power
+    threshold = max(sum(ends) / 2, 0.0) / max(float(settings.get("intensity", 1.0)), 1e-6) / power
     beyond = math.exp(-4 / 3 * math.pi * threshold**3)
     return round(beyond if white[1] >= white[0] else 1 - beyond, 3)
 

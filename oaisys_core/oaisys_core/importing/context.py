@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.importing.stand_ins import StandIns
 from oaisys_core.procedural.textures.folder import has_color_map
 
@@ -49,7 +51,8 @@ class ImportContext:
             make: Makes a file that replaces it, if the user wants that.
         """
         found = None if self._assets is None else self._assets / name
-        if found is not None and found.is_file():
+        # os.path.isfile is False for names that are too long, where Path.is_file raises.
+        if found is not None and os.path.isfile(found):  # noqa: PTH113
             return found.resolve()
         return self._replace(name, "is missing", stand_in, make)
 
@@ -61,9 +64,9 @@ class ImportContext:
             texture: The built-in texture set that replaces it.
         """
         found = None if self._assets is None else self._assets / name
-        if found is not None and has_color_map(found):
+        is_there = found is not None and os.path.isdir(found)  # noqa: PTH112
+        if found is not None and is_there and has_color_map(found):
             return found.resolve()
-        is_there = found is not None and found.is_dir()
         fault = "has no colour map" if is_there else "is missing"
         words = f"the built-in texture {texture}"
         return self._replace(name, fault, words, lambda made: made.material(name, texture))
@@ -74,7 +77,11 @@ class ImportContext:
         if self._is_strict:
             self.missing.append(f"{name} {fault}")
         if self._stand_ins is not None and make is not None and not self._is_strict:
-            path = make(self._stand_ins)
+            try:
+                path = make(self._stand_ins)
+            except (OSError, ValueError) as error:
+                expected = f"a name that a file can have ({error})"
+                raise InvalidInputError("--stand-ins", name, expected) from error
             self.warn(f"{name} {fault}: it is replaced by the generated {path}")
             return path
         self.warn(f"{name} {fault}: it is replaced by {stand_in}")

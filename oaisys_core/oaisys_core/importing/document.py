@@ -66,7 +66,7 @@ def part(node: Mapping[str, Any], *keys: str) -> Json:
 
 def entries(node: Mapping[str, Any], *keys: str) -> list[Json]:
     """Return the mappings in a nested list."""
-    found = part(node, *keys[:-1]).get(keys[-1], [])
+    found = part(node, *keys[:-1]).get(keys[-1]) or []
     return [dict(entry) for entry in found if isinstance(entry, Mapping)]
 
 

@@ -68,7 +68,7 @@ def _sky_labels(params: Json, job: ImportContext) -> Json:
 
 def _hdri(params: Json, job: ImportContext, least: float, most: float) -> Json:
     images = []
-    for entry in params.get("HDRIList", []):
+    for entry in params.get("HDRIList") or []:
         path = str(entry.get("filePath"))
         file = job.file(path, "the computed sky", partial(StandIns.sky, name=path))
         if file is None:

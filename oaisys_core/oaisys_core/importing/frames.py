@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -20,7 +22,7 @@ def blender_rotation(quat_wxyz: ArrayLike) -> FloatArray:
     w, x, y, z = (float(v) for v in np.asarray(quat_wxyz, dtype=np.float64))
     if w == x == y == z == 0:
         x = 1.0
-    norm = float(np.linalg.norm((w, x, y, z)))
+    norm = hypot(w, x, y, z)
     pose = Pose((0.0, 0.0, 0.0), (x / norm, y / norm, z / norm, w / norm))
     return pose_to_matrix(pose)[:3, :3]
 

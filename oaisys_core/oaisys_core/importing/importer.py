@@ -19,6 +19,7 @@ from oaisys_core.importing.document import (
     part,
 )
 from oaisys_core.importing.environment import environment
+from oaisys_core.importing.forms import check_forms
 from oaisys_core.importing.key_outcomes import KeyOutcome, outcome_of
 from oaisys_core.importing.limits import clamp
 from oaisys_core.importing.materials import materials
@@ -84,6 +85,10 @@ def import_file(
         ConfigError: The file is invalid, or ``strict`` and incomplete.
     """
     document = load_document(path)
+    try:
+        check_forms(document)
+    except InvalidInputError as error:
+        raise ConfigError(f"{path}: {error}") from error
     outcomes = {key: outcome_of(key) or UNKNOWN for key in key_paths(document)}
     unknown = sorted(key for key, outcome in outcomes.items() if outcome is UNKNOWN)
     if strict and unknown:
@@ -92,10 +97,7 @@ def import_file(
         raise InvalidInputError("--stand-ins", str(stand_ins), "none with --strict")
     made = None if stand_ins is None else StandIns(stand_ins)
     job = ImportContext(assets_folder, out, is_strict=strict, stand_ins=made)
-    try:
-        config = _convert(document, job)
-    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
-        raise ConfigError(f"{path}: a value has an invalid form: {error}") from error
+    config = _convert(document, job)
     if job.missing:
         faults = dict.fromkeys(job.missing)
         raise ConfigError("\n".join(_missing(path, fault, assets_folder) for fault in faults))

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.expectations import ConfigFault, faults_of
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, quote
 from oaisys_core.importing.document import Json
 from oaisys_core.importing.key_outcomes import KeyOutcome
 
@@ -100,6 +100,8 @@ def _keys(fault: ConfigFault, outcomes: Mapping[str, KeyOutcome]) -> str:
     """Return the original's keys that were mapped to a field, or our path where none is known."""
     names = [str(part) for part in fault.location if not isinstance(part, int)]
     plain = ".".join(names)
+    if not plain:
+        return "(whole file)"
     found = [
         key
         for key, outcome in outcomes.items()
@@ -113,5 +115,6 @@ def _ends(text: str, names: list[str]) -> bool:
 
 
 def _refusal(fault: ConfigFault, outcomes: Mapping[str, KeyOutcome], source: str) -> str:
-    wanted = fault.statement or f"received {fault.received!r}, expected {fault.expected}"
-    return f"{source}: {_keys(fault, outcomes)}: {wanted} ({fault.path})"
+    wanted = fault.statement or f"received {quote(fault.received)}, expected {fault.expected}"
+    place = f" ({fault.path})" if fault.path else ""
+    return f"{source}: {_keys(fault, outcomes)}: {wanted}{place}"

@@ -8,9 +8,11 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.importing.context import ImportContext
 from oaisys_core.importing.document import Json, entries, part, span
+from oaisys_core.importing.forms import TEXTURE, check_forms
 from oaisys_core.importing.stand_ins import StandIns
 
 STAND_INS = {
@@ -142,8 +144,22 @@ def _with_template(entry: Json, job: ImportContext) -> Json:
     if name is None:
         return entry
     file = job.file(str(name), "defaults and the name of its folder")
-    template = parse_json(read_text(file)) if file is not None else {}
-    return {**template, **entry}
+    return {**(_template(file) if file is not None else {}), **entry}
+
+
+def _template(file: Path) -> Json:
+    """Return the keys of a texture in a file."""
+    try:
+        found = parse_json(read_text(file))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{file}: is not a readable JSON file: {error}") from error
+    try:
+        if not isinstance(found, dict):
+            raise InvalidInputError("(whole file)", found, "an object with keys of a texture")
+        check_forms(found, TEXTURE)
+    except InvalidInputError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    return found
 
 
 def _relief(entry: Json, scale: float) -> Json:

@@ -484,13 +484,6 @@ def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
         import_file(path)
 
 
-def test_a_value_of_another_form_is_one_error(tmp_path: Path) -> None:
-    data = document()
-    data["SENSOR_SETUP"]["SENSORS"][0]["sensorParams"]["KMatrix"] = [1]
-    with pytest.raises(ConfigError, match="form"):
-        import_file(write(data, tmp_path))
-
-
 @pytest.mark.parametrize("name", MODES)
 def test_the_imported_file_renders(name: str, tmp_path: Path) -> None:
     data = copy.deepcopy(MODES[name]())
