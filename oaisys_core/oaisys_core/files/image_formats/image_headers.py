@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
+import zlib
 from collections.abc import Callable
 from math import ceil
 from typing import NamedTuple
@@ -28,6 +29,7 @@ _TAGS = {
 _TIFF_VALUES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 _MAX_TAGS = 4096
 _MAX_SAMPLES = 4
+_PNG_START = b"\x89PNG\r\n\x1a\n"
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MOST_BITS = 64
 MIN_IS_WHITE, MIN_IS_BLACK, RGB, PALETTE, CMYK, YCBCR = 0, 1, 2, 3, 5, 6
@@ -79,7 +81,7 @@ def values_of(data: bytes) -> StoredValues:
         ValueError: Its header is damaged.
     """
     try:
-        if data.startswith(b"\x89PNG"):
+        if is_png(data):
             has_palette = data[25] == 3
             return StoredValues() if has_palette else StoredValues(2 ** data[24] - 1)
         if is_tiff(data):
@@ -94,6 +96,36 @@ def values_of(data: bytes) -> StoredValues:
     except (struct.error, KeyError, IndexError) as error:
         raise ValueError("its header is damaged") from error
     return StoredValues()
+
+
+def png_transparent(data: bytes) -> tuple[int, ...] | None:
+    """Return the grey value, or red, green and blue, that a PNG says is transparent.
+
+    It is the chunk tRNS of an image without a palette; None: there is none.
+
+    Raises:
+        ValueError: The chunk is damaged.
+    """
+    bits, kind = data[24:26]
+    count = {0: 1, 2: 3}.get(kind)
+    place = 8
+    while count is not None and place + 8 <= len(data):
+        length, name = struct.unpack_from(">I4s", data, place)
+        if name == b"IDAT":
+            break
+        if name == b"tRNS":
+            chunk = data[place + 4 : place + 12 + length]
+            if length != 2 * count or struct.pack(">I", zlib.crc32(chunk[:-4])) != chunk[-4:]:
+                raise ValueError("its transparent value (tRNS) is damaged")
+            values = struct.unpack(f">{count}H", chunk[4:-4])
+            return tuple(value & (2**bits - 1) for value in values)
+        place += 12 + length
+    return None
+
+
+def is_png(data: bytes) -> bool:
+    """Return whether a file begins as a PNG file does."""
+    return data.startswith(_PNG_START)
 
 
 def _pnm_values(data: bytes) -> StoredValues:
@@ -267,7 +299,7 @@ def _pnm(data: bytes) -> tuple[int, int]:
 
 
 _KINDS: dict[bytes, Callable[[bytes], tuple[int, int]]] = {
-    b"\x89PNG\r\n\x1a\n": _png,
+    _PNG_START: _png,
     b"\xff\xd8\xff": _jpeg,
     **dict.fromkeys(_TIFF_STARTS, _tiff),
     b"BM": _bmp,

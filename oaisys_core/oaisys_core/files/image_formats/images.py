@@ -16,7 +16,9 @@ from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_formats.image_headers import (
     StoredValues,
     image_size,
+    is_png,
     is_tiff,
+    png_transparent,
     values_of,
 )
 from oaisys_core.files.image_formats.orientation import exif_orientation, upright
@@ -43,12 +45,14 @@ class ImageUse:
         field: Name of the configuration field in errors.
         is_of_numbers: Whether pixels are ids or heights, so that they count as the file has them;
             else they are shares of white.
+        has_voids: Whether transparent pixels have no value; of ids, opacity does not count.
     """
 
     name: str
     most_px: int
     field: str
     is_of_numbers: bool = False
+    has_voids: bool = False
 
     @property
     def most_bytes(self) -> int:
@@ -77,7 +81,7 @@ SKY = ImageUse("a sky image", 16384 * 8192, "environment.hdri")
 SKY_LABELS = ImageUse(
     "a sky's label image", 16384 * 8192, "environment.hdri.labels_from", is_of_numbers=True
 )
-ELEVATION = ImageUse("an elevation model", 100_000_000, "stage.dem.file", is_of_numbers=True)
+ELEVATION = ImageUse("an elevation model", 100_000_000, "stage.dem.file", True, has_voids=True)
 FRAME = ImageUse("a camera's image", MAX_IMAGE_PX, "image")
 USES = (TEXTURE, MESH_TEXTURE, LABEL_IMAGE, DENSITY, SKY, SKY_LABELS, ELEVATION, FRAME)
 
@@ -121,6 +125,7 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
         values = values_of(data)
         # Coordinates of a mesh's textures are those of the pixels as they are stored.
         orientation = 1 if use is MESH_TEXTURE else exif_orientation(data)
+        transparent = png_transparent(data) if is_png(data) else None
     except ValueError as error:
         raise use.refusal(name, error) from error
     use.check(*size, name)
@@ -132,11 +137,23 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
         if image.dtype.itemsize * 8 != bits or image.shape[1::-1] != size:
             found = f"{image.shape[1]} x {image.shape[0]} pixels of {image.dtype}"
             raise use.refusal(name, f"{found}, not {size[0]} x {size[1]} of {bits} bits")
+        full = np.iinfo(image.dtype).max
+        is_opacity_read = flags is None and (use.has_voids or not use.is_of_numbers)
+        if transparent is not None and is_opacity_read and image.shape[2:] != (4,):
+            image = _with_alpha(image, [value * full // values.largest for value in transparent])
         return np.ascontiguousarray(upright(image, orientation))
     image = _decode_tiff(data, use, name) if is_tiff(data) else _decode_bmp(data, use, name)
     if flags is None or image.ndim == 2:
         return image
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
+
+
+def _with_alpha(image: NDArray[Any], transparent: list[int]) -> NDArray[Any]:
+    """Return blue, green, red and opacity of a PNG whose transparent value OpenCV left out."""
+    colors = np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
+    is_clear = (colors == np.array(transparent[::-1], colors.dtype)).all(axis=-1)
+    alpha = np.where(is_clear, 0, np.iinfo(colors.dtype).max).astype(colors.dtype)
+    return np.dstack((colors, alpha))
 
 
 def _check_values(values: StoredValues, use: ImageUse, name: str) -> None:

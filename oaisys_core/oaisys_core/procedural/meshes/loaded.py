@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb, linear
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.image_headers import is_tiff, tiff_header
+from oaisys_core.files.image_formats.image_headers import (
+    is_png,
+    is_tiff,
+    png_transparent,
+    tiff_header,
+)
 from oaisys_core.files.image_formats.images import MESH_TEXTURE, decode_pixels
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.scene import MeshMaterial
@@ -142,23 +147,29 @@ def as_float32(mesh: LoadedMesh) -> LoadedMesh:
 def decode_texture(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Return the (H, W, 3) colours and the (H, W) alpha, if any, of a checked image's file.
 
-    TIFF images are read as those of the ground are: floats are linear.
+    TIFF images and PNGs with a transparent colour are read as those of the ground are; floats are
+    linear.
 
     Raises:
         InvalidInputError: It cannot be decoded; the error has its name.
     """
     from PIL import Image
 
-    if is_tiff(data):
-        return _split_tiff(data, name)
     try:
+        if is_tiff(data):
+            return _split_pixels(data, name, has_alpha=tiff_header(data).has_alpha)
+        if is_png(data) and png_transparent(data) is not None:
+            # Pillow compares a key of 16 or fewer than 8 bits with values of 8.
+            return _split_pixels(data, name, has_alpha=True)
         with Image.open(io.BytesIO(data)) as image:
             return split_image(image)
     except (OSError, ValueError, SyntaxError) as error:
         raise MESH_TEXTURE.refusal(name, error) from error
 
 
-def _split_tiff(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _split_pixels(
+    data: bytes, name: str, *, has_alpha: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     pixels = decode_pixels(data, MESH_TEXTURE, name)
     if not np.isfinite(pixels).all():
         raise InvalidInputError(MESH_TEXTURE.field, name, "a mesh's texture of finite numbers")
@@ -170,7 +181,6 @@ def _split_tiff(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.u
     shares = np.clip(pixels, 0, 1)
     colors = shares[..., 2::-1]
     colors = encode_srgb(colors) if is_float else np.rint(255 * colors).astype(np.uint8)
-    has_alpha = tiff_header(data).has_alpha
     alpha = np.rint(255 * shares[..., 3]).astype(np.uint8) if has_alpha else None
     return np.ascontiguousarray(colors), alpha
 
