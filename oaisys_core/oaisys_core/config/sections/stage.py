@@ -57,12 +57,14 @@ class DemConfig(Section):
             an EXR image, or a grey PNG, JPEG or other image, first row in the north.
         spacing_m: Distance between pixels; None uses that of the file, in true metres on its body.
         size_m: Size of an image in x, y and z, as ``<size>`` of an SDF ``<heightmap>``: between the
-            outer pixels, and the height of its largest value; 0 is at ``position_m``.
+            outer pixels, and the height of its largest value; 0 is at ``position_m``. It goes
+            without ``spacing_m``, ``scale`` and ``height_unit``.
         position_m: Position of the model's centre, and what is added to its heights, as ``<pos>``
             of an SDF ``<heightmap>``.
         scale: Factor on the heights, in addition to that in the file.
         offset_m: Offset added to the heights; None moves the median height to z = 0.
-        height_unit: Unit of the heights; None uses that of the file.
+        height_unit: Unit of the heights after ``scale``; None uses that of the file, metres of an
+            image.
         nodata: Stored value or values of missing heights, in addition to what the file says;
             ``none``: every other value is a height. None: values that look like missing heights are
             an error.
@@ -96,6 +98,10 @@ class DemConfig(Section):
             )
         if self.size_m is not None and self.spacing_m is not None:
             raise ValueError("expected spacing_m or size_m, not both")
+        # Written configurations have every key, so that values count.
+        for name, plain in (("scale", 1.0), ("height_unit", None)):
+            if self.size_m is not None and getattr(self, name) != plain:
+                raise ValueError(f"expected {name} or size_m, whose z scales the heights, not both")
         return self
 
 

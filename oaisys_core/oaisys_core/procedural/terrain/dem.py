@@ -113,8 +113,7 @@ def _height_factor(
         # As Gazebo: the largest value of the image is as high as the model.
         largest = float(model.values[~missing].max())
         return config.size_m[2] / (largest or 1.0), 0.0
-    unit_m = 1.0 if model.is_image else height_unit_m(model, reference, config.height_unit, field)
-    unit_m *= config.scale
+    unit_m = config.scale * height_unit_m(model, reference, config.height_unit, field)
     return model.scale * unit_m, model.offset * unit_m
 
 

@@ -51,9 +51,9 @@ class StoredModel:
 
     Attributes:
         values: (rows, cols) float64 as stored, rows as in the file; NaN where it says so.
-        is_image: Whether they are the integers of an image, which have no unit.
-        factor: Metres per stored unit, but for the unit of the reference system.
-        offset_m: Height of a stored 0.
+        is_image: Whether they are integers of an image that says nothing about heights.
+        scale: Units of height per stored unit.
+        offset: Height of a stored 0, in units of height.
         unit: Name of the file's own unit of heights; empty if it has none.
         transform: From column and row to x and y; None if the file has no places.
         reference: WKT of the reference system; None if the file has none.
@@ -237,9 +237,10 @@ def _from_dataset(
     if points and not is_placed:
         values, transform = _by_control_points(values, points, of_points, path, field)
         is_placed, system = True, of_points
+    says_heights = is_placed or unit != "" or (scale, offset) != (1.0, 0.0)
     return StoredModel(
         values,
-        is_image=not is_placed and np.dtype(file.dtypes[chosen]).kind == "u",
+        is_image=not says_heights and np.dtype(file.dtypes[chosen]).kind == "u",
         scale=scale,
         offset=offset,
         unit=unit,

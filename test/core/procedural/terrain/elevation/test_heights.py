@@ -13,6 +13,7 @@ import pytest
 import rasterio
 import rasterio.shutil
 from PIL import Image
+from pydantic import ValidationError
 from rasterio.env import GDALVersion
 from rasterio.transform import from_origin
 
@@ -83,6 +84,35 @@ def test_feet_of_coordinates_say_nothing_about_heights(tmp_path: Path) -> None:
         read(path)
     assert np.allclose(stored(read(path, height_unit="ft")), heights() * 0.3048, rtol=1e-6)
     assert np.allclose(stored(read(path, height_unit="m")), heights(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", ["int16", "uint16", "uint8"])
+def test_integers_without_a_place_have_the_unit_of_their_band(tmp_path: Path, dtype: str) -> None:
+    counts = np.rint(heights()).astype(dtype)
+    path = write(tmp_path / "feet.tif", counts, transform=None, unit="ft")
+    assert np.allclose(stored(read(path, spacing_m=1.0)), counts * 0.3048)
+    assert np.allclose(stored(read(path, spacing_m=1.0, height_unit="m")), counts)
+    with pytest.raises(InvalidInputError, match="has heights"):
+        read(path, size_m=(1, 1, 1))
+
+
+@pytest.mark.parametrize("unit", ["m", "ft", "us-ft", None])
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_images_have_the_unit_that_is_stated(tmp_path: Path, unit: Any, suffix: str) -> None:
+    counts = np.rint(heights() * 100).astype(np.uint16)
+    cv2.imwrite(str(path := tmp_path / f"image{suffix}"), counts)
+    unit_m = {"ft": 0.3048, "us-ft": 1200 / 3937}.get(unit, 1.0)
+    found = stored(read(path, spacing_m=1.0, scale=0.01, height_unit=unit))
+    assert np.allclose(found, counts * 0.01 * unit_m, rtol=1e-6)
+
+
+@pytest.mark.parametrize("key", [{"scale": 0.001}, {"height_unit": "ft"}])
+def test_size_m_goes_without_another_unit_of_heights(tmp_path: Path, key: Any) -> None:
+    cv2.imwrite(str(path := tmp_path / "image.png"), heights().astype(np.uint16))
+    with pytest.raises(ValidationError, match=f"expected {next(iter(key))} or size_m"):
+        DemConfig(file=path, size_m=(1, 1, 1), **key)
+    plain = DemConfig(file=path, size_m=(1, 1, 1))
+    assert DemConfig.model_validate(plain.model_dump()) == plain
 
 
 def test_a_unit_that_contradicts_the_reference_system_is_asked_for(tmp_path: Path) -> None:
