@@ -25,6 +25,7 @@ from oaisys_core.procedural.terrain.elevation.control_points import (
     residual_px,
     straighten,
 )
+from oaisys_core.procedural.terrain.elevation.netcdf_axes import place_by_axes
 from oaisys_core.procedural.terrain.elevation.references import UNIT_M, parse_reference
 from oaisys_core.procedural.terrain.elevation.text_grids import check_points, read_text_heights
 from oaisys_core.procedural.terrain.elevation.windows import pixels_of
@@ -95,7 +96,7 @@ def read_model(config: DemConfig, field: str) -> StoredModel:
         order = {3: (2, 1, 0), 4: (2, 1, 0, 3)}.get(pixels.shape[-1]) if pixels.ndim == 3 else None
         model = _from_image(pixels if order is None else pixels[..., order], path, band, field)
     else:
-        model = _read_raster(data, path, band, field)
+        model = _read_raster(data, config, field)
     if min(model.values.shape) < 2:
         raise InvalidInputError(f"{field}.file", model.values.shape, "at least 2 x 2 pixels")
     return model
@@ -161,8 +162,10 @@ def _exr_heights(channels: dict[str, NDArray[Any]], field: str) -> FloatArray:
     raise InvalidInputError(f"{field}.file", sorted(channels), "an image with a channel Y, Z or R")
 
 
-def _read_raster(data: bytes, path: Path, band: int | None, field: str) -> StoredModel:
+def _read_raster(data: bytes, config: DemConfig, field: str) -> StoredModel:
     from rasterio.errors import NotGeoreferencedWarning
+
+    path, band = config.file, config.band
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -171,6 +174,8 @@ def _read_raster(data: bytes, path: Path, band: int | None, field: str) -> Store
             model = _from_dataset(file, path, band, field, data=data)
             if file.driver == "GTiff" and model.transform is None:
                 _check_upright(data, path, field)
+            if file.driver == "netCDF":
+                model = place_by_axes(model, data, file, (band or 1) - 1, config, field)
             return model
 
 
