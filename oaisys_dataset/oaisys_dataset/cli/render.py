@@ -86,11 +86,12 @@ def render(
     from oaisys_core.config import adjust, load_config
     from oaisys_dataset.places import open_place
     from oaisys_dataset.rendering.dataset_rendering import DatasetRendering, dataset_info
-    from oaisys_dataset.rendering.views import check_views_differ
+    from oaisys_dataset.rendering.views import check_views_differ, check_views_have_frames
 
     shares = parse_splits(splits)
     place = open_place(out)
     chosen = adjust(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
+    check_views_have_frames(chosen, views)
     check_views_differ(chosen, views)
     names = _format_names(formats, chosen)
     settings = RaySettings(address, num_workers, memory_per_worker, gpus=gpus_per_worker)

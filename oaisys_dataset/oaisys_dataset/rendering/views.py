@@ -1,10 +1,41 @@
-"""Whether the views of a world differ from each other."""
+"""Whether the views of a world have frames, and differ from each other."""
 
 from __future__ import annotations
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import DIGITAL
+
+
+def check_views_have_frames(config: SimulationConfig, views: int) -> None:
+    """Raise if no camera has an image at any view of a world, which a data set needs.
+
+    Args:
+        config: Of the data set.
+        views: Number of views of each world.
+
+    Raises:
+        InvalidInputError: All cameras begin later, or the render settings leave all images out.
+    """
+    cameras = [
+        camera
+        for camera in config.sensors.all_cameras
+        if any(map(config.render.renders, camera.modalities))
+    ]
+    if any(camera.step_offset < views for camera in cameras):
+        return
+    if not cameras:
+        found = sorted(
+            {each for camera in config.sensors.all_cameras for each in camera.modalities}
+        )
+        expected = "one that render.quality and passes do not leave out: data sets need images"
+        raise InvalidInputError("sensors.cameras.modalities", found, expected)
+    offsets = {camera.name: camera.step_offset for camera in cameras}
+    expected = (
+        f"a camera with less than {views}, the views of a world: data sets need images, of which"
+        " scans alone are none"
+    )
+    raise InvalidInputError("sensors.cameras.step_offset", offsets, expected)
 
 
 def check_views_differ(config: SimulationConfig, views: int) -> None:

@@ -103,7 +103,7 @@ class WorldRenderer:
         try:
             with ThreadPoolExecutor(1, "encoder") as encoder:
                 encoding: Future[EncodedView] | None = None
-                begun_s, measured = time.perf_counter(), 0
+                begun_s, frames = time.perf_counter(), 0
                 self._begin(task)
                 for number in range(task.views):
                     doing = f"view {number}"
@@ -112,7 +112,7 @@ class WorldRenderer:
                     scene, seconds = self._simulation.scene, now_s - begun_s
                     of_world = self._of_world()
                     view = _View(number, sample, seconds, scene, _sun_deg(scene), *of_world)
-                    measured += len(sample.frames) + len(sample.scans)
+                    frames += len(sample.frames)
                     begun_s = now_s
                     if encoding is not None:
                         yield encoding.result()
@@ -120,8 +120,9 @@ class WorldRenderer:
                 if encoding is not None:
                     yield encoding.result()
             doing = f"{task.views} views"
-            if not measured:
-                raise RenderError("no sensor was due, see step_offset and step_interval")
+            if not frames:
+                # Also of a variant whose render settings leave out all images.
+                raise RenderError("no camera was due, see step_offset, quality and passes")
             yield self._legend()
         except OaisysError as error:
             yield WorldFailure(task.index, task.split, task.seed, f"{doing}: {error}")

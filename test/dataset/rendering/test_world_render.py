@@ -67,14 +67,16 @@ def test_a_world_is_the_same_whatever_was_rendered_before_it(config):
     assert rendered(config, TASKS[1:2]).items() <= in_order.items()
 
 
-def test_a_world_without_any_image_fails():
+@pytest.mark.parametrize("lidars", [[], [{"name": "lid", "scan": {"channels": 8}}]])
+def test_a_world_without_any_image_fails(lidars):
     data = yaml.safe_load(CONFIG)
     data["sensors"]["cameras"][0]["step_offset"] = 9
+    data["sensors"]["lidars"] = lidars
     renderer = WorldRenderer(config_from_mapping(data), "test")
     *_, failure = renderer.render(TASKS[0])
     renderer.close()
     assert isinstance(failure, WorldFailure)
-    assert "no sensor was due" in failure.reason
+    assert "no camera was due" in failure.reason
 
 
 def test_a_world_of_a_data_set_is_a_batch_of_the_simulation(config, tmp_path: Path):
