@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from oaisys_core.errors import InvalidInputError
@@ -46,6 +46,7 @@ def description_files(
     conventions: FormatConventions,
     counts: Mapping[str, int],
     options: ExportOptions,
+    needed: Sequence[str] = (),
 ) -> dict[str, bytes]:
     """Return the content of each file by its name.
 
@@ -55,11 +56,12 @@ def description_files(
         conventions: What a reader must know.
         counts: How many of what an export wrote or left out; empty for the data set itself.
         options: Licence and price.
+        needed: Images without which an export leaves a frame out, so that frames.csv does, too.
     """
     statistics = statistics_of(dataset)
     license_name = options.license
     readme = readme_text(name, conventions, statistics, counts, license_name)
-    frames = frames_table(dataset)
+    frames = frames_table(dataset, needed)
     shown = [dataset[index] for index in sample_indices(len(dataset), PICTURES)]
     label_ids = {label: label_id for label_id, label in label_names(dataset).items()}
     page = data_card(name, statistics, shown, label_ids, license_name, options.price_per_hour)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from oaisys_core.geometry import pose_from_matrix
@@ -40,13 +41,14 @@ COLUMNS = {
 """Meaning of each column by its name."""
 
 
-def frames_table(dataset: Dataset) -> bytes:
-    """Return the content of frames.csv."""
+def frames_table(dataset: Dataset, needed: Collection[str] = ()) -> bytes:
+    """Return the content of frames.csv: the frames that have all of some images."""
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     table.writeheader()
     for record in dataset.records:
-        table.writerow(_row(record))
+        if set(needed) <= set(record.images):
+            table.writerow(_row(record))
     return text.getvalue().encode()
 
 

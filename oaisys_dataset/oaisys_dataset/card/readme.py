@@ -26,7 +26,7 @@ TITLES = {
 
 BESIDE = """\
 `data_card.html` shows pictures, classes and histograms; `croissant.json` is the metadata for
-programs (Croissant); `frames.csv` lists the frames with their cameras and poses."""
+programs (Croissant); `frames.csv` lists the frames that are here with their cameras and poses."""
 
 
 def readme_text(

@@ -133,6 +133,8 @@ class DatasetFormat(ABC):
         name: Name of the format, that of its entry point.
         modalities: Images without which the format has no content.
         settings: What each setting means, by name.
+        images_beside: Images that it writes where a frame has them; README.md counts the frames
+            that have not.
         writes_scans: Whether it writes lidar scans; otherwise README.md counts them as left out.
         conventions: What README.md says about an export.
         has_fisheye: Whether it can describe fisheye cameras; data sets with them are refused
@@ -141,10 +143,19 @@ class DatasetFormat(ABC):
 
     name: ClassVar[str]
     modalities: ClassVar[tuple[str, ...]] = ()
+    images_beside: ClassVar[tuple[str, ...]] = ()
     settings: ClassVar[Mapping[str, str]] = {}
     writes_scans: ClassVar[bool] = False
     conventions: ClassVar[FormatConventions]
     has_fisheye: ClassVar[bool] = False
+
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """Return the images without which a frame is left out, which README.md counts.
+
+        Args:
+            options: The caller's choices.
+        """
+        return ()
 
     @abstractmethod
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
@@ -234,7 +245,12 @@ def complete_samples(
         if set(modalities) <= set(record.images):
             yield dataset.sample(record, modalities)
         else:
-            counts[f"{FRAMES_WITHOUT} {', '.join(modalities)}, left out"] += 1
+            counts[left_out_frames(modalities)] += 1
+
+
+def left_out_frames(modalities: Sequence[str]) -> str:
+    """Return the name of the count of frames that lack one of some images."""
+    return f"{FRAMES_WITHOUT} {', '.join(modalities)}, left out"
 
 
 def label_names(dataset: Dataset) -> dict[int, str]:

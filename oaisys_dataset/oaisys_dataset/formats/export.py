@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from oaisys_dataset.formats.base import (
     ExportOptions,
     check_suits,
     format_named,
+    left_out_frames,
     modality_names,
 )
 from oaisys_dataset.places import StoragePlace, open_place
@@ -59,8 +61,12 @@ def export_dataset(
             counts = dict(chosen.write(dataset, part, options))
             if len(dataset.scans) and not chosen.writes_scans:
                 counts[LEFT_OUT_SCANS] = len(dataset.scans)
+            needed = chosen.images_needed(options)
+            counts |= _count_missing(chosen, dataset, needed)
             _require_content(name, dataset, counts)
-            described = description_files(dataset, name, chosen.conventions, counts, options)
+            described = description_files(
+                dataset, name, chosen.conventions, counts, options, needed
+            )
             for file, data in described.items():
                 (part / file).write_bytes(data)
     except ImportError as error:
@@ -97,6 +103,25 @@ def _upload(folder: Path, place: StoragePlace) -> None:
         for name in written:
             place.delete(name)
         raise
+
+
+def _count_missing(
+    chosen: DatasetFormat, dataset: Dataset, needed: Sequence[str]
+) -> dict[str, int]:
+    """Return how many frames an export has left out, and how many lack an image beside others."""
+    left_out, written = 0, 0
+    having: Counter[str] = Counter()
+    for record in dataset.records:
+        is_complete = set(needed) <= set(record.images)
+        left_out += not is_complete
+        written += is_complete
+        having.update(record.images.keys() if is_complete else ())
+    counts = {left_out_frames(needed): left_out} if left_out else {}
+    for modality in chosen.images_beside:
+        # Where no frame has it, the data set is without, and nothing is missing.
+        if 0 < having[modality] < written:
+            counts[f"frames whose {modality} is missing"] = written - having[modality]
+    return counts
 
 
 def _require_content(name: str, dataset: Dataset, counts: Mapping[str, int]) -> None:

@@ -116,9 +116,10 @@ CONVENTIONS = FormatConventions(
 | `/legend/instances` | (id, name, semantic_id, label) | |
 
 Images are chunked image by image and compressed with gzip and the byte-shuffle filter. Each
-dataset has the attribute `unit`, and `meaning` where the name does not say it. The file's
-attributes are `world`, `world_seed`, `split`, `config_sha256` and `conventions`, which is this
-page's list as JSON.""",
+dataset has the attribute `unit`, and `meaning` where the name does not say it. Those of images have
+`missing`: the rows of views without this image, which are NaN or 0. The file's attributes are
+`world`, `world_seed`, `split`, `config_sha256` and `conventions`, which is this page's list as
+JSON.""",
     reading="""\
 ```python
 import h5py
@@ -154,12 +155,18 @@ class Hdf5Format(DatasetFormat):
                     options.progress(counts["frames"])
                 if dataset.scans.has_world(world):
                     counts[WRITTEN_SCANS] += file.add_scans(dataset, world)
+                if file.missing:
+                    counts["images that views lack, NaN or 0 in their rows"] += file.missing
             counts["worlds"] += 1
         return counts
 
 
 class _WorldFile:
-    """The file of one world, made at its first sample."""
+    """The file of one world, made at its first sample.
+
+    Attributes:
+        missing: Number of images that views lack, of those that their sensor's first view has.
+    """
 
     def __init__(
         self, target: Path, legend: WorldLegend, sizes: Mapping[str, int], level: int
@@ -170,6 +177,8 @@ class _WorldFile:
         self._level = level
         self._next = dict.fromkeys(sizes, 0)
         self._file: h5py.File | None = None
+        self._images: dict[str, set[str]] = {}
+        self.missing = 0
 
     def __enter__(self) -> Self:
         return self
@@ -193,6 +202,10 @@ class _WorldFile:
                 expected = f"the same image in every view of a world; the first has {found}"
                 raise InvalidInputError(f"{record.frame_id}.{name}", np.shape(value), expected)
             place[row] = value
+        for name in self._images[sensor] - sample.arrays.keys():
+            rows = file[sensor][name].attrs
+            rows["missing"] = np.append(rows["missing"], row)
+            self.missing += 1
 
     def add_scans(self, dataset: Dataset, world: int) -> int:
         """Write the scans of all lidars, after the samples, and return their number."""
@@ -273,6 +286,7 @@ class _WorldFile:
             expected = "another name than those of the values beside the images"
             raise InvalidInputError("modality", ", ".join(sorted(taken)), expected)
         views = self._sizes[sample.record.sensor]
+        self._images[sample.record.sensor] = set(sample.arrays)
         for modality, image in sample.arrays.items():
             data = group.create_dataset(
                 modality,
@@ -282,11 +296,13 @@ class _WorldFile:
                 compression="gzip",
                 compression_opts=self._level,
                 shuffle=True,
+                fillvalue=np.nan if image.dtype.kind == "f" else 0,
             )
             data.attrs["unit"] = UNITS.get(
                 modality, "id" if semantic_level(modality) is not None else ""
             )
             data.attrs["meaning"] = MEANING.get(modality, "")
+            data.attrs["missing"] = np.empty(0, np.int64)
         for name, value in _camera_values(sample).items():
             dtype = h5py.string_dtype() if isinstance(value, str) else np.asarray(value).dtype
             data = group.create_dataset(name, (views, *np.shape(value)), dtype)

@@ -94,6 +94,10 @@ class BopFormat(DatasetFormat):
     )
     conventions = CONVENTIONS
 
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return self.modalities
+
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
         depth_scale = options.number("depth_scale", 1.0, least=1e-3)

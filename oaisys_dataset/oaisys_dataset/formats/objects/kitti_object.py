@@ -81,6 +81,10 @@ class KittiObjectFormat(DatasetFormat):
     )
     conventions = CONVENTIONS
 
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return self.modalities
+
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
         counts: Counter[str] = Counter()

@@ -82,11 +82,14 @@ class MasksFormat(DatasetFormat):
     conventions = CONVENTIONS
     has_fisheye = True
 
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return (RGB, _labels_of(options))
+
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
-        level = options.choice("level", tuple("0123456789"))
         suffix = options.choice("images", ("jpg", "png"))
-        labels = f"semantic_{level}"
+        labels = _labels_of(options)
         counts: Counter[str] = Counter()
         classes: dict[int, int] = {0: 0}
         names = {label: name for label, name in label_names(dataset).items() if label}
@@ -110,6 +113,11 @@ class MasksFormat(DatasetFormat):
             write_file(target, name, "".join(lines).encode())
         write_file(target, "classes.json", _classes_json(classes, names).encode())
         return counts
+
+
+def _labels_of(options: ExportOptions) -> str:
+    """Return the image of labels that is exported."""
+    return f"semantic_{options.choice('level', tuple('0123456789'))}"
 
 
 def _numbers(labels: NDArray[Any], classes: Mapping[int, int]) -> NDArray[np.uint8]:

@@ -72,6 +72,10 @@ class YoloFormat(DatasetFormat):
     conventions = CONVENTIONS
     has_fisheye = True
 
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return self.modalities
+
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
         counts: Counter[str] = Counter()

@@ -62,6 +62,7 @@ class ColmapFormat(DatasetFormat):
 
     name = "colmap"
     modalities = (RGB, DEPTH)
+    images_beside = (DEPTH,)
     settings = MappingProxyType(
         {
             "model": "binary (the default) or text",
@@ -70,6 +71,10 @@ class ColmapFormat(DatasetFormat):
     )
     conventions = CONVENTIONS
     has_fisheye = True
+
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return (RGB,)
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""

@@ -68,10 +68,15 @@ class NerfstudioFormat(DatasetFormat):
 
     name = "nerfstudio"
     modalities = (RGB, DEPTH)
+    images_beside = (DEPTH,)
     settings = MappingProxyType(
         {"points_per_view": f"points drawn from each depth image; {POINTS_PER_VIEW}"}
     )
     conventions = CONVENTIONS
+
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return (RGB,)
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""

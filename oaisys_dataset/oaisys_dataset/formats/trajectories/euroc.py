@@ -72,6 +72,7 @@ class EurocFormat(DatasetFormat):
 
     name = "euroc"
     modalities = (RGB,)
+    images_beside = (RGB, DEPTH)
     conventions = CONVENTIONS
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:

@@ -73,6 +73,9 @@ camera's place. Points are as the lidar delivers them, not corrected for its mot
 Reflectance is the intensity divided by 255. Scans of further lidars, and of views without an \
 image, are left out and counted below.
 
+Frames without colour are left out; where a frame has no depth or no ids, its file in `depth_2` or \
+`label_2` is missing. Both are counted below.
+
 {LABEL_COLUMNS}
 * The layout of the object benchmark itself is the format `kitti_object`.""",
     reading="""\
@@ -97,6 +100,7 @@ class KittiFormat(DatasetFormat):
     name = "kitti"
     writes_scans = True
     modalities = (RGB,)
+    images_beside = (DEPTH, INSTANCE)
     settings = MappingProxyType(
         {
             "depth_per_m": "units of depth in a metre; 256, with which depth ends at 256 m",
@@ -104,6 +108,10 @@ class KittiFormat(DatasetFormat):
         }
     )
     conventions = CONVENTIONS
+
+    def images_needed(self, options: ExportOptions) -> tuple[str, ...]:
+        """See `DatasetFormat.images_needed`."""
+        return (RGB,)
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""

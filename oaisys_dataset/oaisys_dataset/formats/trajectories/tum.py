@@ -66,6 +66,7 @@ class TumFormat(DatasetFormat):
 
     name = "tum"
     modalities = (RGB, DEPTH)
+    images_beside = (RGB, DEPTH)
     settings = MappingProxyType(
         {"depth_per_m": "units of depth in a metre; 5000, with which depth ends at 13.1 m"}
     )
