@@ -245,10 +245,10 @@ def complete_samples(
         if set(modalities) <= set(record.images):
             yield dataset.sample(record, modalities)
         else:
-            counts[left_out_frames(modalities)] += 1
+            counts[frames_without_images(modalities)] += 1
 
 
-def left_out_frames(modalities: Sequence[str]) -> str:
+def frames_without_images(modalities: Sequence[str]) -> str:
     """Return the name of the count of frames that lack one of some images."""
     return f"{FRAMES_WITHOUT} {', '.join(modalities)}, left out"
 

@@ -21,7 +21,7 @@ from oaisys_dataset.formats.base import (
     ExportOptions,
     check_suits,
     format_named,
-    left_out_frames,
+    frames_without_images,
     modality_names,
 )
 from oaisys_dataset.places import StoragePlace, open_place
@@ -116,7 +116,7 @@ def _count_missing(
         left_out += not is_complete
         written += is_complete
         having.update(record.images.keys() if is_complete else ())
-    counts = {left_out_frames(needed): left_out} if left_out else {}
+    counts = {frames_without_images(needed): left_out} if left_out else {}
     for modality in chosen.images_beside:
         # Where no frame has it, the data set is without, and nothing is missing.
         if 0 < having[modality] < written:
