@@ -27,10 +27,10 @@ EXAMPLES: Mapping[str, str] = {
     "oaisys audit": f"oaisys audit --config {_CONFIG}/mountain.yaml --views 5",
     "oaisys bag": "oaisys bag info out/survey/bag",
     "oaisys bag info": "oaisys bag info out/survey/bag",
-    "oaisys bag recover": "oaisys bag recover out/cut_short_bag",
+    "oaisys bag recover": "oaisys bag recover cut_short_bag",
     "oaisys bag replay": "oaisys bag replay out/survey/bag",
     "oaisys certificate": "oaisys certificate check out/survey/certificate.json",
-    "oaisys certificate challenge": "oaisys certificate challenge out/challenge",
+    "oaisys certificate challenge": "oaisys certificate challenge out/survey",
     "oaisys certificate check": "oaisys certificate check out/survey/certificate.json",
     "oaisys certificate issue": "oaisys certificate issue --out out/certificate",
     "oaisys certificate sign": "oaisys certificate sign out/survey/certificate.json --key key.pem",
@@ -45,11 +45,11 @@ EXAMPLES: Mapping[str, str] = {
     "oaisys dataset check": "oaisys dataset check out/dataset",
     "oaisys dataset describe": "oaisys dataset describe out/dataset",
     "oaisys dataset export": "oaisys dataset export out/dataset --format coco --out out/coco",
-    "oaisys dataset merge": "oaisys dataset merge out/first out/second --out out/both",
+    "oaisys dataset merge": "oaisys dataset merge out/dataset other_dataset --out out/both",
     "oaisys dataset render": (
         f"oaisys dataset render {_CONFIG}/dataset.yaml --worlds 20 --out out/dataset"
     ),
-    "oaisys dataset repeat": "oaisys dataset repeat out/dataset 0",
+    "oaisys dataset repeat": "oaisys dataset repeat out/dataset 000000_0000_camera",
     "oaisys doctor": "oaisys doctor --json",
     "oaisys drive": f"oaisys drive --config {_CONFIG}/rover_drive.yaml --out out/drive",
     "oaisys drive plan": f"oaisys drive plan {_CONFIG}/rover_drive.yaml --out out/drive.csv",
@@ -57,8 +57,8 @@ EXAMPLES: Mapping[str, str] = {
     "oaisys explore": "oaisys explore --planner all --seeds 5 --out out/explore",
     "oaisys heights": f"oaisys heights --config {_CONFIG}/mountain.yaml --out out/heights.tif",
     "oaisys live": f"oaisys live --config {_CONFIG}/world_mars.yaml",
-    "oaisys place": "oaisys place info out/elevation.tif",
-    "oaisys place info": "oaisys place info out/elevation.tif --to-map 7.6586,45.9763",
+    "oaisys place": "oaisys place info site.tif",
+    "oaisys place info": "oaisys place info site.tif --to-map 7.6586,45.9763",
     "oaisys record": "oaisys record --out out/bag",
     "oaisys render": "oaisys render --position -8 -6 6 --look-at 0 0 0 --out out/view",
     "oaisys repeat": "oaisys repeat out/survey/bag",
@@ -69,10 +69,13 @@ EXAMPLES: Mapping[str, str] = {
         f"oaisys sensors import {_CONFIG}/assets/rover.urdf --out out/rover.yaml"
     ),
     "oaisys serve": f"oaisys serve --config {_CONFIG}/mountain.yaml --address 127.0.0.1:50051",
-    "oaisys survey": "oaisys survey --views 6 --size 320x240 --out out/survey",
+    "oaisys survey": "oaisys survey --backend analytic --out out/survey",
     "oaisys view": "oaisys view --address 127.0.0.1:50051",
 }
-"""One line that works as it is, by the command's full name."""
+"""One line that works as it is, by the command's full name.
+
+What it reads from ``out`` another example writes; other files are of the one who reads the help.
+"""
 
 
 def add_examples(command: Any, path: str) -> None:

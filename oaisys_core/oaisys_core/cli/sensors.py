@@ -69,6 +69,7 @@ def import_(
     What was assumed, and what of the file is not used, stands in comments.
     """
     from oaisys_core.config import config_from_mapping
+    from oaisys_core.errors import InvalidInputError
     from oaisys_core.files.calibrations.reading import read_robot_file
     from oaisys_core.importing.cameras_on_links import put_camera
     from oaisys_core.importing.robots import robot_sections
@@ -79,8 +80,14 @@ def import_(
     robot = read_robot_file(file, base, model)
     if robot is not None:
         heading = f"From {file.name} ({robot.sensors.format})."
+        names: set[str] = set()
         for link, calibration in map(_link_and_file, camera or ()):
             robot = put_camera(robot, link, calibration)
+            name = robot.sensors.cameras[-1].name
+            if name in names:
+                expected = f"calibrations of cameras whose names differ, not {name} twice"
+                raise InvalidInputError("camera", f"{link}={calibration}", expected)
+            names.add(name)
         sections, notes = robot_sections(robot, file, out, packages or ())
     else:
         given = {"base": base, "model": model, "camera": camera, "packages": packages}

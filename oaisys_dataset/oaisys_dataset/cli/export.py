@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,17 +29,11 @@ PriceOption = Annotated[
 ]
 
 
-def _list_formats(is_asked: bool) -> None:
-    """Print the installed formats, and end the command."""
-    if is_asked:
-        from oaisys_dataset.formats.base import format_named, format_names
-
-        typer.echo("\n".join(_describe(format_named(name)) for name in format_names()))
-        raise typer.Exit
-
-
 def export(
-    place: PlaceArgument,
+    place: Annotated[
+        str | None,
+        typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False),
+    ] = None,
     formats: Annotated[
         list[str] | None,
         typer.Option("--format", help="Name of a format; may be repeated.", show_default=False),
@@ -54,14 +49,9 @@ def export(
     ] = None,
     license_name: LicenseOption = "",
     price_per_hour: PriceOption = None,
-    _shows_formats: Annotated[
+    shows_formats: Annotated[
         bool,
-        typer.Option(
-            "--list",
-            help="List the installed formats and their settings, and exit.",
-            is_eager=True,
-            callback=_list_formats,
-        ),
+        typer.Option("--list", help="List the installed formats and their settings, and exit."),
     ] = False,
 ) -> None:
     """Write the data set in DIR in other formats.
@@ -72,9 +62,20 @@ def export(
     from oaisys_dataset.formats.base import ExportOptions, format_named, format_names
     from oaisys_dataset.reader import open_dataset
 
+    if shows_formats:
+        others = (place, formats, out, split, settings, license_name or None, price_per_hour)
+        if any(each is not None for each in others):
+            expected = "alone, because it lists formats and exports nothing"
+            raise InvalidInputError("--list", "with DIR or other options", expected)
+        typer.echo("\n".join(_describe(format_named(name)) for name in format_names()))
+        return
+    if place is None:
+        raise InvalidInputError("DIR", None, "folder or URL of a data set; or --list alone")
     chosen = [format_named(name).name for name in formats or ()]
     if not chosen:
         raise InvalidInputError("format", None, f"--format with one of {', '.join(format_names())}")
+    if len(set(chosen)) < len(chosen):
+        raise InvalidInputError("format", ", ".join(chosen), "each format once")
     if out is not None and len(chosen) > 1:
         raise InvalidInputError("out", out, "one --format, or no --out")
     dataset = open_dataset(place)
@@ -82,7 +83,7 @@ def export(
         if split not in dataset.splits:
             raise InvalidInputError("split", split, one_of(dataset.splits, split))
         dataset = dataset.split(split)
-    given = dict(_setting(text) for text in settings or ())
+    given = _settings(settings or ())
     for name in chosen:
         options = ExportOptions(given, license_name, price_per_hour)
         write_export(dataset, name, out or export_place(place, name), options)
@@ -127,11 +128,17 @@ def describe(
     typer.echo(f"{place}: {', '.join(names)}")
 
 
-def _setting(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise InvalidInputError("set", text, "NAME=VALUE")
-    return name, value
+def _settings(texts: Sequence[str]) -> dict[str, str]:
+    """Return the values of `--set` by their names."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InvalidInputError("set", text, "NAME=VALUE")
+        if name in found:
+            raise InvalidInputError("set", text, f"each name once; {name} is {found[name]} already")
+        found[name] = value
+    return found
 
 
 def _describe(found: DatasetFormat) -> str:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import pytest
 import typer
+from repository import REPOSITORY
 from typer.testing import CliRunner
 
 from oaisys_core.cli.help_texts import EXAMPLES, GROUPS, OTHERS, group_names
 from oaisys_core.cli.main import app
+from oaisys_core.config import load_config
+from oaisys_dataset.records import frame_id
 
 
 def root() -> Any:
@@ -55,6 +59,30 @@ def test_the_command_reads_its_example(path: str) -> None:
     first, *words = shlex.split(EXAMPLES[path])
     assert first == "oaisys"
     assert parse(words).startswith(path)
+
+
+def test_examples_read_from_out_only_what_another_example_writes() -> None:
+    written, read = set(), []
+    for line in EXAMPLES.values():
+        words = shlex.split(line)
+        for before, word in pairwise(words):
+            if not word.startswith("out/"):
+                continue
+            if before == "--out":
+                written.add(word)
+            else:
+                read.append(word)
+    assert len(read) > 10
+    for word in read:
+        assert any(word == each or word.startswith(f"{each}/") for each in written), word
+
+
+def test_the_example_of_a_frame_is_one_that_the_example_of_rendering_makes() -> None:
+    *_, where, frame = shlex.split(EXAMPLES["oaisys dataset repeat"])
+    words = shlex.split(EXAMPLES["oaisys dataset render"])
+    assert where == words[words.index("--out") + 1]
+    config = load_config(REPOSITORY / words[3])
+    assert frame == frame_id(0, 0, config.sensors.cameras[0].name)
 
 
 def test_an_example_with_an_unknown_option_is_refused() -> None:

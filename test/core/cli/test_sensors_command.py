@@ -102,5 +102,14 @@ def test_a_camera_that_cannot_be_put_is_refused(given: str, message: str, tmp_pa
     assert message in str(result.exception)
 
 
+def test_a_camera_does_not_replace_another_that_is_given(tmp_path: Path) -> None:
+    front = tmp_path / "front.yaml"
+    result = import_rover(
+        tmp_path, *("--camera", f"mast={front}"), "--camera", f"base_link={front}"
+    )
+    assert isinstance(result.exception, InvalidInputError)
+    assert "not front twice" in str(result.exception)
+
+
 def test_a_robot_without_sensors_says_how_it_gets_some(tmp_path: Path) -> None:
     assert "--camera LINK=FILE" in str(import_rover(tmp_path).exception)

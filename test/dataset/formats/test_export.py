@@ -168,7 +168,23 @@ def test_the_command_names_what_is_wrong(rendered: Dataset, tmp_path: Path) -> N
         export(where, ["coco", "hdf5"], str(tmp_path / "out"))
     with pytest.raises(InvalidInputError, match="one of train, val"):
         export(where, ["coco"], str(tmp_path / "out"), split="test")
+    twice = ["depth_per_m=1000", "depth_per_m=2000"]
+    with pytest.raises(InvalidInputError, match="each name once; depth_per_m is 1000"):
+        export(where, ["kitti"], str(tmp_path / "out"), settings=twice)
+    with pytest.raises(InvalidInputError, match="each format once"):
+        export(where, ["coco", "coco"])
     assert not list(tmp_path.iterdir())
+
+
+def test_the_list_of_formats_goes_alone(rendered: Dataset, tmp_path: Path) -> None:
+    where = rendered.place.url
+    for given in ((where,), ("--format", "coco"), ("--out", "x"), ("--license", "CC0")):
+        result = oaisys_here("dataset", "export", *given, "--list")
+        assert (result.returncode, result.stdout) == (2, "")
+        assert "--list: received" in result.stderr
+    result = oaisys_here("dataset", "export", "--format", "coco")
+    assert result.returncode == 2
+    assert "DIR: received None" in result.stderr
 
 
 def test_an_export_in_which_every_frame_is_left_out_is_exit_1(tmp_path: Path) -> None:
