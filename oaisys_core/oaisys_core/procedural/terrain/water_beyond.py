@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -16,6 +17,7 @@ from oaisys_core.procedural.terrain.water import (
     MARGIN,
     MAX_PONDS,
     Water,
+    WaterLook,
     WaterParts,
     sheet_triangles,
     water_mesh,
@@ -76,50 +78,82 @@ class WaterBeyond:
 
 def water_beyond(water: Water, land: FarGround, body_radius_m: float) -> WaterBeyond:
     """Return the water on the land that is joined to that of the stage at its edge."""
-    stage = land.stage
-    x0, y0, x1, y1 = stage.extent_m
-    (x_m, first_col), (y_m, first_row) = _lines(x0, x1), _lines(y0, y1)
-    rows = slice(first_row, first_row + STAGE_CELLS)
-    inside = (rows, slice(first_col, first_col + STAGE_CELLS))
-    around = GroundAround(stage, land)
-    corner_m = _depths_m(x_m, y_m, around, water, body_radius_m)
-    middle_m = _depths_m(_between(x_m), _between(y_m), around, water, body_radius_m)
-    deepest_m = np.maximum.reduce(
-        [middle_m, corner_m[:-1, :-1], corner_m[:-1, 1:], corner_m[1:, :-1], corner_m[1:, 1:]]
-    )
-    is_wet = deepest_m > 0
-    is_wet[inside] = False
-    seeds = _at_edge(x_m, y_m, inside, around, water)
-    ponds, _ = scipy.ndimage.label(is_wet | seeds, np.ones((3, 3), bool))
+    grid = _grid_around(water, land, body_radius_m)
+    seeds = _at_edge(grid, GroundAround(land.stage, land), water)
+    is_wet = (grid.deepest_m > 0) | seeds
+    is_wet[grid.inside] = False
+    ponds, _ = scipy.ndimage.label(is_wet, np.ones((3, 3), bool))
     joined = np.unique(ponds[seeds])
-    sizes = np.bincount(ponds.ravel())[joined]
-    largest_first = joined[np.argsort(-sizes, kind="stable")]
+    largest_first = joined[np.argsort(-np.bincount(ponds.ravel())[joined], kind="stable")]
     prototypes: list[MeshPrototype] = []
     placements: list[Placement] = []
-    T = np.eye(4)[None]
+    is_free = np.ones(ponds.shape, bool)
+    is_free[grid.inside] = False
     for number in range(min(len(joined), MAX_BEYOND)):
         last = None if number == MAX_BEYOND - 1 else number + 1
         pond = np.isin(ponds, largest_first[number:last])
         cells = scipy.ndimage.binary_dilation(pond, np.ones((3, 3), bool), iterations=MARGIN)
-        cells[inside] = False
-        used, triangles = sheet_triangles(cells)
-        row, column = np.divmod(used, len(x_m))
-        xy_m = np.column_stack((x_m[column], y_m[row]))
-        level_m = _levels_m(xy_m, stage.extent_m, water, body_radius_m)
-        depth_m = np.where(
-            _is_coarse(x_m, column) | _is_coarse(y_m, row),
-            _deepest_beside(deepest_m)[row, column],
-            corner_m[row, column],
-        )
-        vertices_m = np.column_stack((xy_m, level_m))
-        name = f"water_beyond_{number + 1}"
-        prototypes.append(water_mesh(name, vertices_m, triangles, depth_m, water.look))
+        cells &= is_free  # a cell between two belongs to the larger one
+        is_free &= ~cells
+        prototypes.append(_surface(f"water_beyond_{number + 1}", cells, grid, water.look))
         ids = np.array([FIRST_BEYOND_ID + number], np.uint32)
-        placements.append(Placement(number, water.semantic_ids, T, ids, on_land=True))
+        placements.append(Placement(number, water.semantic_ids, np.eye(4)[None], ids, on_land=True))
     parts = WaterParts(tuple(prototypes), tuple(placements))
     whole = np.isin(ponds, joined)
-    extent_m = _extent_m(x_m, y_m, whole, stage.extent_m)
-    return WaterBeyond(parts, extent_m, x_m, y_m, whole, land, water, body_radius_m)
+    extent_m = _extent_m(grid, whole, land.stage.extent_m)
+    return WaterBeyond(parts, extent_m, grid.x_m, grid.y_m, whole, land, water, body_radius_m)
+
+
+class _Grid(NamedTuple):
+    """R x C cells of the stage and the land around it, larger with the distance from the stage.
+
+    Attributes:
+        x_m, y_m: (C + 1,) and (R + 1,) borders of the columns and rows.
+        inside: Rows and columns of the stage.
+        level_m: (R + 1, C + 1) heights of water at the corners.
+        depth_m: (R + 1, C + 1) depths of the ground below that.
+        deepest_m: (R, C) greatest depths at the corners and the middle.
+    """
+
+    x_m: FloatArray
+    y_m: FloatArray
+    inside: tuple[slice, slice]
+    level_m: FloatArray
+    depth_m: FloatArray
+    deepest_m: FloatArray
+
+
+def _grid_around(water: Water, land: FarGround, body_radius_m: float) -> _Grid:
+    x0, y0, x1, y1 = land.stage.extent_m
+    (x_m, first_col), (y_m, first_row) = _lines(x0, x1), _lines(y0, y1)
+    rows, columns = (slice(first, first + STAGE_CELLS) for first in (first_row, first_col))
+    around = GroundAround(land.stage, land)
+
+    def at(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return levels and depths at the points of a grid."""
+        xy_m = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        level_m = _levels_m(xy_m, land.stage.extent_m, water, body_radius_m)
+        depth_m = np.nan_to_num(level_m - around.height_at(xy_m), nan=-np.inf)
+        return level_m.reshape(len(y), -1), depth_m.reshape(len(y), -1)
+
+    level_m, depth_m = at(x_m, y_m)
+    _, middle_m = at((x_m[1:] + x_m[:-1]) / 2, (y_m[1:] + y_m[:-1]) / 2)
+    corners_m = [depth_m[:-1, :-1], depth_m[:-1, 1:], depth_m[1:, :-1], depth_m[1:, 1:]]
+    deepest_m = np.maximum.reduce([middle_m, *corners_m])
+    return _Grid(x_m, y_m, (rows, columns), level_m, depth_m, deepest_m)
+
+
+def _surface(name: str, cells: NDArray[np.bool_], grid: _Grid, look: WaterLook) -> MeshPrototype:
+    """Return the water of some cells."""
+    used, triangles = sheet_triangles(cells)
+    row, column = np.divmod(used, len(grid.x_m))
+    vertices_m = np.column_stack((grid.x_m[column], grid.y_m[row], grid.level_m[row, column]))
+    depth_m = np.where(
+        _is_coarse(grid.x_m, column) | _is_coarse(grid.y_m, row),
+        _deepest_beside(grid.deepest_m)[row, column],
+        grid.depth_m[row, column],
+    )
+    return water_mesh(name, vertices_m, triangles, depth_m, look)
 
 
 def _lines(low_m: float, high_m: float) -> tuple[FloatArray, int]:
@@ -129,10 +163,6 @@ def _lines(low_m: float, high_m: float) -> tuple[FloatArray, int]:
     away_m = np.cumsum(cell_m * GROWTH ** np.arange(count))
     on_stage_m = np.linspace(low_m, high_m, STAGE_CELLS + 1)
     return np.concatenate((low_m - away_m[::-1], on_stage_m, high_m + away_m)), count
-
-
-def _between(lines_m: FloatArray) -> FloatArray:
-    return np.asarray((lines_m[1:] + lines_m[:-1]) / 2)
 
 
 def _is_coarse(lines_m: FloatArray, index: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -149,17 +179,6 @@ def _levels_m(xy_m: FloatArray, extent_m: Extent, water: Water, body_radius_m: f
     return water.level_m - curvature_drop_m(np.hypot(*outside_m.T), body_radius_m)
 
 
-def _depths_m(
-    x_m: FloatArray, y_m: FloatArray, ground: GroundAround, water: Water, body_radius_m: float
-) -> FloatArray:
-    """Return how deep the ground is below the level at the points of a grid, row by row."""
-    x, y = np.meshgrid(x_m, y_m)
-    xy_m = np.column_stack((x.ravel(), y.ravel()))
-    level_m = _levels_m(xy_m, ground.extent_m, water, body_radius_m)
-    depth_m = np.nan_to_num(level_m - ground.height_at(xy_m), nan=-np.inf)
-    return np.asarray(depth_m.reshape(x.shape))
-
-
 def _deepest_beside(deepest_m: FloatArray) -> FloatArray:
     """Return the (R + 1, C + 1) greatest depth of the cells around each corner of (R, C) cells."""
     padded = np.pad(deepest_m, 1, constant_values=-np.inf)
@@ -168,47 +187,41 @@ def _deepest_beside(deepest_m: FloatArray) -> FloatArray:
     )
 
 
-def _at_edge(
-    x_m: FloatArray,
-    y_m: FloatArray,
-    inside: tuple[slice, slice],
-    ground: GroundAround,
-    water: Water,
-) -> NDArray[np.bool_]:
+def _at_edge(grid: _Grid, ground: GroundAround, water: Water) -> NDArray[np.bool_]:
     """Return the cells beyond the stage at whose side the stage is under water at its edge."""
-    rows, columns = inside
-    is_seed = np.zeros((len(y_m) - 1, len(x_m) - 1), bool)
-    x0, y0, x1, y1 = ground.extent_m
-    inset_m = MESH_INSET * np.array((x1 - x0, y1 - y0))
+    is_seed = np.zeros(grid.deepest_m.shape, bool)
+    low_m, high_m = np.reshape(ground.extent_m, (2, 2))
+    inset_m = MESH_INSET * (high_m - low_m)
     share = (np.arange(EDGE_POINTS) + 0.5) / EDGE_POINTS
-    for axis, lines_m, cells in ((0, x_m, columns), (1, y_m, rows)):
-        first_m = lines_m[cells]
-        length_m = lines_m[cells.start + 1 : cells.stop + 1] - first_m
-        along_m = first_m[:, None] + share * length_m[:, None]
-        for across_m, beyond in (
-            ((y0, x0)[axis] + inset_m[1 - axis], (rows, columns)[axis].start - 1),
-            ((y1, x1)[axis] - inset_m[1 - axis], (rows, columns)[axis].stop),
+    rows, columns = grid.inside
+    for axis, lines_m, along, across in (
+        (0, grid.x_m, columns, rows),
+        (1, grid.y_m, rows, columns),
+    ):
+        other = 1 - axis
+        first_m, last_m = lines_m[along], lines_m[along.start + 1 : along.stop + 1]
+        points_m = np.empty((STAGE_CELLS, EDGE_POINTS, 2))
+        points_m[..., axis] = first_m[:, None] + share * (last_m - first_m)[:, None]
+        for edge_m, beyond in (
+            (low_m[other] + inset_m[other], across.start - 1),
+            (high_m[other] - inset_m[other], across.stop),
         ):
-            xy_m = np.empty((along_m.size, 2))
-            xy_m[:, axis], xy_m[:, 1 - axis] = along_m.ravel(), across_m
-            depth_m = (water.level_m - ground.height_at(xy_m)).reshape(along_m.shape)
-            is_under = (np.nan_to_num(depth_m, nan=-1.0) > 0).any(axis=1)
-            place = (beyond, cells) if axis == 0 else (cells, beyond)
-            is_seed[place] |= is_under
+            points_m[..., other] = edge_m
+            height_m = ground.height_at(points_m.reshape(-1, 2)).reshape(points_m.shape[:2])
+            is_under = (height_m < water.level_m).any(axis=1)
+            is_seed[(beyond, along) if axis == 0 else (along, beyond)] = is_under
     return is_seed
 
 
-def _extent_m(
-    x_m: FloatArray, y_m: FloatArray, is_wet: NDArray[np.bool_], stage_m: Extent
-) -> Extent:
+def _extent_m(grid: _Grid, is_wet: NDArray[np.bool_], stage_m: Extent) -> Extent:
     """Return the bounds of the stage and of some cells."""
     rows, columns = np.flatnonzero(is_wet.any(axis=1)), np.flatnonzero(is_wet.any(axis=0))
     if not len(rows):
         return stage_m
     x0, y0, x1, y1 = stage_m
     return (
-        min(x0, float(x_m[columns[0]])),
-        min(y0, float(y_m[rows[0]])),
-        max(x1, float(x_m[columns[-1] + 1])),
-        max(y1, float(y_m[rows[-1] + 1])),
+        min(x0, float(grid.x_m[columns[0]])),
+        min(y0, float(grid.y_m[rows[0]])),
+        max(x1, float(grid.x_m[columns[-1] + 1])),
+        max(y1, float(grid.y_m[rows[-1] + 1])),
     )
