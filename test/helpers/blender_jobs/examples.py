@@ -22,7 +22,16 @@ MAX_VARIANTS = 2
 
 def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
     """Render the first samples of each configuration, its images 48 pixels long."""
-    return {Path(path).stem: _rendered(small(load_config(Path(path))), samples) for path in paths}
+    configs = {Path(path).stem: load_config(Path(path)) for path in paths}
+    return {name: _rendered(_on_plain(config), samples) for name, config in configs.items()}
+
+
+def _on_plain(config: SimulationConfig) -> SimulationConfig:
+    """Return the configuration, small, and without land unless its file speaks of it."""
+    data = small(config).model_dump()
+    if "surroundings" not in config.stage.model_fields_set:
+        data["stage"]["surroundings"] = "plain"
+    return SimulationConfig.model_validate(data)
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
@@ -44,8 +53,6 @@ def small(config: SimulationConfig) -> SimulationConfig:
             group["variants"] = min(group["variants"] or MAX_VARIANTS, MAX_VARIANTS)
     if "stage" not in given:
         data["stage"] |= {"resolution_px": MIN_GRID_PX, "surroundings": "plain"}
-    elif "surroundings" not in config.stage.model_fields_set:
-        data["stage"]["surroundings"] = "plain"
     if "materials" not in given:
         data["materials"]["layers"] = data["materials"]["layers"][:1]
     if "assets" not in given:
