@@ -369,6 +369,8 @@ def test_a_sample_whose_announcement_comes_after_a_reset_is_not_in_the_map(
     late_bridge.publish(3)
     peer.wait_for_frames(1)
     peer.wait_until(lambda: peer.latest["metrics"].header.stamp == Time(sec=3))
+    # It is announced after its images, which may be fused by then.
+    peer.wait_until(lambda: peer.latest["metrics"].samples_announced)
     assert peer.latest["metrics"].samples_announced == 1
 
 
