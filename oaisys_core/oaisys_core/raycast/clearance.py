@@ -9,9 +9,7 @@ from numpy.typing import ArrayLike
 
 from oaisys_core import geometry
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray, HeightQuery, Pose, SensorInfo
-
-Extent = tuple[float, float, float, float]
+from oaisys_core.types import Extent, FloatArray, HeightQuery, Pose, SensorInfo
 
 HeightLookup = Callable[[FloatArray], HeightQuery]
 """Returns the heights below (N, 3) points in ``map``."""

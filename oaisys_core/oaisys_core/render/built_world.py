@@ -16,13 +16,14 @@ from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.config.worlds import WorldSeeds, draw_world
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.procedural.environment.low_sun import LowSunWarning
-from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
+from oaisys_core.procedural.terrain.surroundings.far_ground import with_land
 from oaisys_core.render import make_backend
 from oaisys_core.render.base import Backend
 from oaisys_core.render.view_renderer import FramesPlacement, ViewRenderer, leave_frames
 from oaisys_core.scene import Scene
 from oaisys_core.system.freed_memory import return_freed_memory
 from oaisys_core.types import (
+    Extent,
     FloatArray,
     HeightGrid,
     HeightQuery,
@@ -35,7 +36,7 @@ from oaisys_core.types import (
     ignore_progress,
 )
 from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
-from oaisys_core.world.height_grids import Extent, GridPlan, height_grid
+from oaisys_core.world.height_grids import GridPlan, height_grid
 from oaisys_core.world.module import World, require
 from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.world.modules import SensorsModule, StageModule
@@ -144,9 +145,7 @@ class BuiltWorld:
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
             raise InvalidInputError("points_m", points.shape, "(N, 3) finite coordinates")
         world = self._current().world
-        ground, far_ground = world.surface, None if on_stage else world.scene().far_ground
-        if far_ground is not None:
-            ground = GroundAround(ground, far_ground)
+        ground = with_land(world.surface, None if on_stage else world.scene().far_ground)
         ground_m = ground.height_at(points[:, :2])
         surface_m: FloatArray = np.full(len(points), np.nan)
         inside = np.isfinite(ground_m)

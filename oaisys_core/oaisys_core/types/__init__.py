@@ -5,7 +5,7 @@ Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are 
 
 from __future__ import annotations
 
-from oaisys_core.types.arrays import FloatArray, ShortRepr
+from oaisys_core.types.arrays import Extent, FloatArray, ShortRepr
 from oaisys_core.types.cameras import EQUIDISTANT, MAX_IMAGE_PX, PLUMB_BOB, PinholeIntrinsics
 from oaisys_core.types.drives import (
     ODOMETRY,
@@ -91,6 +91,7 @@ __all__ = [
     "SEMANTIC_0",
     "DriveInstant",
     "DriveOutline",
+    "Extent",
     "FloatArray",
     "Frame",
     "FrameName",

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+Extent = tuple[float, float, float, float]
+"""(min_x, min_y, max_x, max_y) in ``map``, metres."""
+
 
 class ShortRepr:
     """Base of dataclasses with arrays (``repr=False``): shows the arrays' types and shapes only."""

@@ -11,16 +11,20 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import MAX_M
-from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress, ProgressCallback
+from oaisys_core.types import (
+    Extent,
+    FloatArray,
+    HeightGrid,
+    HeightQuery,
+    Progress,
+    ProgressCallback,
+)
 
 MAX_CELLS = 4096 * 4096
 """Largest number of cells of a grid: 128 MiB of heights."""
 
 BLOCK_CELLS = 1 << 17
 """Cells that are looked up at once; clients of a server wait for so many of another one."""
-
-Extent = tuple[float, float, float, float]
-"""(min_x, min_y, max_x, max_y) in ``map``, metres."""
 
 Heights = NDArray[np.float32]
 HeightLookup = Callable[[FloatArray], HeightQuery]

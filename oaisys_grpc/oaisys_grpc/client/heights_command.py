@@ -13,8 +13,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_grpc.client.options import TlsCaOption, TlsCertOption, TlsKeyOption
 
 if TYPE_CHECKING:
-    from oaisys_core.types import HeightGrid
-    from oaisys_core.world.height_grids import Extent
+    from oaisys_core.types import Extent, HeightGrid
     from oaisys_grpc.tls import ClientTls
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
+    Extent,
     Georeference,
     GroupCount,
     HeightGrid,
@@ -31,8 +32,6 @@ from oaisys_grpc.contract.conversion import Conversion, RecordConversion, each
 from oaisys_grpc.contract.metadata import POSE, VECTOR, metadata_to_proto, names
 from oaisys_grpc.contract.sample_messages import INTRINSICS, MATRIX
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-
-Extent = tuple[float, float, float, float]
 
 
 def extent_to_proto(extent_m: Extent) -> pb.StageExtent:

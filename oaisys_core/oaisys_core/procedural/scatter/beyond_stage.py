@@ -65,17 +65,17 @@ def plant_places_beyond(
     ground: GroundAround,
     material: TerrainMaterial | None,
     rng: np.random.Generator,
-    is_dry: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
+    is_under: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
 ) -> PlacesBeyond:
     """Return where plants stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
 
-    Layers and slopes of the land count as those of the stage do; see `places_beyond`. ``is_dry``
-    says at which (N, 2) points the land is dry enough for them; None: everywhere.
+    Layers and slopes of the land count as those of the stage do; see `places_beyond`. ``is_under``
+    says at which (N, 2) points the water on the land is too deep for them; None: there is none.
     """
 
     def suits(found: PlacesBeyond) -> NDArray[np.bool_]:
         suited = _suits(group, xy_m, found, ground, material, rng)
-        return suited if is_dry is None else suited & is_dry(found.xy_m)
+        return suited if is_under is None else suited & ~is_under(found.xy_m)
 
     return places_beyond(xy_m, sizes_m, ground, rng, suits)
 

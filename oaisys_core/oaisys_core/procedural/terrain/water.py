@@ -49,6 +49,15 @@ class WaterParts(NamedTuple):
 NO_WATER = WaterParts((), ())
 
 
+class _Joined(NamedTuple):
+    """The last parts that were joined, of a scene and of the land, and the whole."""
+
+    beyond: WaterParts
+    prototypes: tuple[MeshPrototype, ...]
+    placements: tuple[Placement, ...]
+    whole: Parts
+
+
 @dataclass(eq=False)
 class Water:
     """The water of a world; the same for all its samples.
@@ -66,7 +75,7 @@ class Water:
     look: WaterLook
     parts: WaterParts
     wet_bank_m: float
-    _joined: tuple[WaterParts, Parts, Parts] | None = field(default=None, repr=False)
+    _joined: _Joined | None = field(default=None, repr=False)
 
     def join(
         self,
@@ -83,20 +92,19 @@ class Water:
             beyond: The water on the land around the stage, if that is shown.
         """
         last = self._joined
-        if last is not None and last[0] is not beyond:
-            last = None
-        if last is None or last[1][0] is not prototypes or last[1][1] is not placements:
+        if last is not None and last.beyond is beyond and last.prototypes is prototypes:
+            if last.placements is placements:
+                return last.whole
+            # Only objects moved: the water's own parts are as they were.
+            meshes, own = last.whole[0], last.whole[1][len(last.placements) :]
+        else:
             first = len(prototypes)
             water = (*self.parts.placements, *beyond.placements)
             own = tuple(replace(each, prototype=first + i) for i, each in enumerate(water))
-            if last is not None and last[1][0] is prototypes:
-                # Only objects moved: the water's own parts are as they were.
-                own = last[2][1][len(last[2][1]) - len(water) :] if water else ()
-                whole = last[2][0]
-            else:
-                whole = (*prototypes, *self.parts.prototypes, *beyond.prototypes)
-            last = self._joined = (beyond, (prototypes, placements), (whole, (*placements, *own)))
-        return last[2]
+            meshes = (*prototypes, *self.parts.prototypes, *beyond.prototypes)
+        whole = meshes, (*placements, *own)
+        self._joined = _Joined(beyond, prototypes, placements, whole)
+        return whole
 
 
 def water_on(

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.terrain.surroundings.border import MESH_INSET
+from oaisys_core.procedural.terrain.surroundings.border import MESH_INSET, distance_from_m
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.procedural.terrain.surroundings.land import curvature_drop_m
 from oaisys_core.procedural.terrain.water import (
@@ -23,9 +23,7 @@ from oaisys_core.procedural.terrain.water import (
     water_mesh,
 )
 from oaisys_core.scene import FarGround, MeshPrototype, Placement
-from oaisys_core.types import FloatArray
-
-Extent = tuple[float, float, float, float]
+from oaisys_core.types import Extent, FloatArray
 
 FIRST_BEYOND_ID, MAX_BEYOND = FIRST_WATER_ID + MAX_PONDS, 30
 """Instance ids of water on the land, from the largest on; all smaller ones are one, with the last
@@ -174,9 +172,7 @@ def _is_coarse(lines_m: FloatArray, index: NDArray[np.intp]) -> NDArray[np.bool_
 
 def _levels_m(xy_m: FloatArray, extent_m: Extent, water: Water, body_radius_m: float) -> FloatArray:
     """Return the (N,) heights of the water's surface, which is curved as the land is."""
-    x0, y0, x1, y1 = extent_m
-    outside_m = np.maximum(np.maximum((x0, y0) - xy_m, xy_m - (x1, y1)), 0.0)
-    return water.level_m - curvature_drop_m(np.hypot(*outside_m.T), body_radius_m)
+    return water.level_m - curvature_drop_m(distance_from_m(extent_m, xy_m), body_radius_m)
 
 
 def _deepest_beside(deepest_m: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.contact_map import ground_plane, stage_ground
-from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
+from oaisys_core.procedural.terrain.surroundings.far_ground import with_land
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.render.shading.texture_levels import LevelStore
 from oaisys_core.scene import Scene, TerrainMaterial
@@ -40,8 +40,7 @@ class ContactGround:
     """Finds the contact of instances with the ground of a scene."""
 
     def __init__(self, scene: Scene, store: LevelStore) -> None:
-        stage, land = stage_ground(scene), scene.far_ground
-        self._ground = stage if land is None else GroundAround(stage, land)
+        self._ground = with_land(stage_ground(scene), scene.far_ground)
         self._material, self._store = scene.material, store
 
     @cached_property

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.scene import Ground, HeightField
-from oaisys_core.types import FloatArray
+from oaisys_core.types import Extent, FloatArray
 
 MESH_POINTS = 192
 """Points along each side of a stage that is no grid."""
@@ -49,9 +49,14 @@ class Border(NamedTuple):
 
     def distance_m(self, xy_m: FloatArray) -> FloatArray:
         """Return the (N,) distances of (N, 2) points from the stage, 0 on it."""
-        x0, y0, x1, y1 = self.extent_m
-        outside = np.maximum(np.maximum((x0, y0) - xy_m, xy_m - (x1, y1)), 0.0)
-        return np.hypot(outside[:, 0], outside[:, 1])
+        return distance_from_m(self.extent_m, xy_m)
+
+
+def distance_from_m(extent_m: Extent, xy_m: FloatArray) -> FloatArray:
+    """Return the (N,) distances of (N, 2) points from a rectangle, 0 on it."""
+    x0, y0, x1, y1 = extent_m
+    outside = np.maximum(np.maximum((x0, y0) - xy_m, xy_m - (x1, y1)), 0.0)
+    return np.hypot(outside[:, 0], outside[:, 1])
 
 
 def border_of(stage: Ground) -> Border:

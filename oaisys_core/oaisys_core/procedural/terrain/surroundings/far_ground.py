@@ -94,3 +94,8 @@ class GroundAround:
         """Return (N,) heights at (N, 2) points, on the stage or beyond."""
         on_stage_m = self.stage.height_at(xy_m)
         return np.where(np.isnan(on_stage_m), self.land.height_at(xy_m), on_stage_m)
+
+
+def with_land(stage: Ground, land: FarGround | None) -> Ground:
+    """Return the surface of a stage and of the land around it, if there is any."""
+    return stage if land is None else GroundAround(stage, land)

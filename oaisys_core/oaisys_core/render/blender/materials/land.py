@@ -10,9 +10,7 @@ import numpy as np
 from oaisys_core.render.blender.materials.images import new_image
 from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.scene.surroundings import LandDetail, LandMasks
-
-Extent = tuple[float, float, float, float]
-"""(min_x, min_y, max_x, max_y) of the stage."""
+from oaisys_core.types import Extent
 
 RANGE = 12.0
 """Standard deviations of heights between 0 and 1 in an image: more than there are."""

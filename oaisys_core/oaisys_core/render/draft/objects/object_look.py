@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import linear
-from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
+from oaisys_core.procedural.terrain.surroundings.far_ground import with_land
 from oaisys_core.raycast.surface import Surface
 from oaisys_core.raycast.view import InstanceTable, View
 from oaisys_core.render.draft.appearance import (
@@ -78,8 +78,7 @@ class ObjectLook:
         """Take over a changed scene; what did not change is kept."""
         self._scene, self._ground = scene, ground
         self._below = light_below_water(scene.sky)
-        stage, land = scene.ground, scene.far_ground
-        self._all_ground = stage if land is None else GroundAround(stage, land)
+        self._all_ground = with_land(scene.ground, scene.far_ground)
         if self._meshes_of is not scene.prototypes:
             self._meshes_of = scene.prototypes
             self._meshes = ObjectMeshes(scene.prototypes)

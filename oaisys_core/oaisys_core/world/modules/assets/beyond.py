@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -67,14 +68,12 @@ def plants_beyond(
     """
     T_map_object, shape_of = plants.T_map_object, plants.shape_of
     sizes_m = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
-    wading_m = WADING_M.get(group.shape or "", 0.0)
-
-    def is_dry(xy_m: FloatArray) -> NDArray[np.bool_]:
-        return np.ones(len(xy_m), bool) if water is None else ~water.covers(xy_m, wading_m)
-
+    is_under = None
+    if water is not None:
+        is_under = partial(water.covers, depth_m=WADING_M.get(group.shape or "", 0.0))
     places = randomness.child(rng, "places")
     xy_m = T_map_object[:, :2, 3]
-    found = plant_places_beyond(group, xy_m, sizes_m, ground, material, places, is_dry)
+    found = plant_places_beyond(group, xy_m, sizes_m, ground, material, places, is_under)
     shape_of, sizes_m = shape_of[found.like], sizes_m[found.like]
     footprints = np.array([footprint_of(shape) for shape in plants.shapes])[shape_of]
     turns = randomness.child(rng, "turns")
