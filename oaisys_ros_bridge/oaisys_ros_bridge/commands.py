@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -136,12 +138,21 @@ def bag_replay(
     """
     from oaisys_ros_bridge.nodes.player import main as play
 
+    _require_one_name_each(remap or ())
     rules = [part for rule in remap or () for part in ("-r", rule)]
     arguments = ["replay", *(["--ros-args", *rules] if rules else [])]
     given = {"path": str(bag), "rate": rate, "loop": loop, "clock_hz": clock, "delay_s": delay}
     given |= {"wait_for_readers": wait_for, "wait_timeout_s": wait_timeout}
     given |= {"topics": ["", *(topics or [])], "wait_for_topics": ["", *(wait_for_topic or [])]}
     raise typer.Exit(play(arguments, **given))
+
+
+def _require_one_name_each(rules: Sequence[str]) -> None:
+    """Refuse two rules for one topic, of which ROS would follow the first and drop the other."""
+    counts = Counter(rule.partition(":=")[0] for rule in rules)
+    if twice := [rule for rule in rules if counts[rule.partition(":=")[0]] > 1]:
+        message = f"received {', '.join(twice)}, expected one rule for each topic"
+        raise typer.BadParameter(message, param_hint="--remap")
 
 
 @ros_app.callback()

@@ -22,12 +22,8 @@ from oaisys_ros_bridge.bridge.stamps import Stamps
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.frame_history import FrameHistory
-from oaisys_ros_bridge.publishing.sample_info import batch_info_msg
-from oaisys_ros_bridge.publishing.sample_publisher import (
-    Announcements,
-    Publication,
-    SamplePublisher,
-)
+from oaisys_ros_bridge.publishing.sample_info import Announcements, batch_info_msg
+from oaisys_ros_bridge.publishing.sample_publisher import Publication, SamplePublisher
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.timers import steady_timer
 
@@ -94,6 +90,7 @@ class WorldTopics:
             self._announced = batch
             self.offer(info)
             header = Header(stamp=self._stamps.between(), frame_id=self._settings()["map_frame"])
+            self._announcements.begin_batch(header.stamp)
             self._batch.publish(batch_info_msg(info, header))
             if self._samples is not None and info.rig_pose is not None:
                 values = self._settings()
@@ -104,7 +101,7 @@ class WorldTopics:
 
     @property
     def newest_sample(self) -> GetNewestSample.Response:
-        """The sample that was announced last."""
+        """The sample and the world that were announced last."""
         return self._announcements.newest
 
     @contextmanager

@@ -80,6 +80,8 @@ class MapperInputs:
             on_given_up=ledger.give_up,
         )
         self._lock = threading.RLock()
+        self._world_heard = threading.Condition(self._lock)
+        self._heard_ns = 0
         self._batch: tuple[str, int, int] | None = None
         self._batch_begin_ns = 0
         self._newest: deque[DepthFrame] = deque(maxlen=EARLY_FRAMES)
@@ -105,6 +107,19 @@ class MapperInputs:
             if taken is None:
                 return
             waiting.callback(taken[0])
+
+    def hear_world(self, begin_ns: int, timeout_s: float) -> str:
+        """Wait until the map is that of the world whose samples begin at a stamp, or a later one.
+
+        Returns:
+            Why it may not be; empty: it is, or the map is kept from world to world.
+        """
+        if not self._clears:
+            return ""
+        with self._world_heard:
+            if self._world_heard.wait_for(lambda: self._heard_ns >= begin_ns, timeout_s):
+                return ""
+        return f"{BATCH_TOPIC} has not announced the newest world within {timeout_s:g} s"
 
     def _subscribe(self, values: Mapping[str, Any]) -> None:
         camera = values["camera"]
@@ -136,7 +151,8 @@ class MapperInputs:
         if values["use_color"] or values["use_semantics"]:
             group = self._node.default_callback_group
             steady_timer(self._node, COLOR_WAIT_S / 2, self._give_up_color, group)
-        if values["clear_on_batch"]:
+        self._clears = values["clear_on_batch"]
+        if self._clears:
             self._node.create_subscription(SampleInfo, BATCH_TOPIC, self._on_batch, LATCHED_QOS)
         for kind, message_type, topic in inputs:
             add = partial(self._add_image, kind)
@@ -233,9 +249,11 @@ class MapperInputs:
         batch = (message.config_sha256, message.seed, message.batch_id)
         with self._lock:
             known, self._batch = self._batch, batch
+            self._heard_ns = nanoseconds(message.header.stamp)
+            self._world_heard.notify_all()
             if known in (None, batch):
                 return
-            self._batch_begin_ns = nanoseconds(message.header.stamp)
+            self._batch_begin_ns = self._heard_ns
             # Logged first: whoever sees the empty map finds the reason.
             number = message.batch_id
             self._node.get_logger().info(f"batch {number}: the map of the one before is cleared")

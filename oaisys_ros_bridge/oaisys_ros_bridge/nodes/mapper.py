@@ -36,6 +36,7 @@ from oaisys_ros_bridge.publishing.ground_topics import GroundTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.services import RequestQueue, close_queues
 from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, shortfall
+from oaisys_ros_bridge.subscribing.sample_ledger import LOST_AFTER_S
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
 from oaisys_ros_bridge.timers import steady_timer
 
@@ -230,9 +231,11 @@ class MapperNode(ParameterNode, Node):
             yield volume
 
     def _hear_announcements(self) -> None:
-        """Take the announcements of all samples so far, or note why some may be missing."""
+        """Take the announcements of all samples and worlds so far, or note what may be missing."""
         self._inputs.take_announcements()
-        self._unheard = self._samples.hear_newest(ANSWER_S)
+        heard = self._samples.hear_newest(ANSWER_S)
+        late_world = self._inputs.hear_world(heard.batch_begin_ns, LOST_AFTER_S)
+        self._unheard = "; ".join(filter(None, (heard.doubt, late_world)))
 
     @property
     def _shortfall(self) -> str:

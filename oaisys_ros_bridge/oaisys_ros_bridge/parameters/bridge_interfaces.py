@@ -177,8 +177,8 @@ _REQUESTS = (
         InterfaceKind.SERVICE,
         "~/get_newest_sample",
         "oaisys_msgs/srv/GetNewestSample",
-        "Which sample `~/sample_info` has announced last: mapper and recorder wait for that one "
-        "before they save, evaluate, clear or end.",
+        "Which sample `~/sample_info` has announced last, and which world `~/batch`: mapper and "
+        "recorder wait for these before they save, evaluate, clear or end.",
     ),
     Interface(
         InterfaceKind.SERVICE,

@@ -1,13 +1,16 @@
-"""Messages of ``~/sample_info``: what a sample is, as texts and in types, and back."""
+"""Messages of ``~/sample_info``: what a sample is, as texts and in types; which was the last."""
 
 from __future__ import annotations
 
+import copy
 import json
 import math
+import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, fields
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import Quaternion
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -31,10 +34,46 @@ from oaisys_core.types import (
 )
 from oaisys_msgs.msg import DepthFaults as DepthFaultsMsg
 from oaisys_msgs.msg import Exposure, PreviousPose, RigMotion, SampleInfo, SensorPose
-from oaisys_ros_bridge.conversions import duration_from_seconds, pose_to_msg
+from oaisys_msgs.srv import GetNewestSample
+from oaisys_ros_bridge.conversions import (
+    duration_from_seconds,
+    pose_to_msg,
+    stamp_from_nanoseconds,
+)
 
 EXPOSURE_TIME = "exposure_time_s"
 """Last part of the names of exposures that are times: ``CAMERA.MODALITY.exposure_time_s``."""
+
+
+class Announcements:
+    """Counts the samples that a bridge announces; remembers the newest, and the newest world."""
+
+    def __init__(self) -> None:
+        self._newest = GetNewestSample.Response(success=True)
+
+    @property
+    def newest(self) -> GetNewestSample.Response:
+        """The sample and the world that were announced last; not to be changed."""
+        return self._newest
+
+    def begin_batch(self, stamp: Time) -> None:
+        """Note that another world is announced, which samples show from a stamp on."""
+        newest = copy.copy(self._newest)
+        newest.batch_begin = stamp
+        self._newest = newest
+
+    def add(self, sample: Sample, stamp: Time) -> int:
+        """Note a sample that is about to be announced, and return its number, from 1 on."""
+        self._newest = GetNewestSample.Response(
+            success=True,
+            sequence=self._newest.sequence + 1,
+            batch_id=sample.batch_id,
+            sample_id=sample.sample_id,
+            stamp=stamp,
+            published=stamp_from_nanoseconds(time.time_ns()),
+            batch_begin=self._newest.batch_begin,
+        )
+        return int(self._newest.sequence)
 
 
 def sample_info_msg(

@@ -30,43 +30,17 @@ from oaisys_core.types import (
     SimulatorInfo,
 )
 from oaisys_msgs.msg import SampleInfo
-from oaisys_msgs.srv import GetNewestSample
-from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.place_topics import PlaceTopics, map_on_earth
 from oaisys_ros_bridge.publishing.publishers import NodePublishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics
-from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
+from oaisys_ros_bridge.publishing.sample_info import Announcements, sample_info_msg
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, find_left_camera
 from oaisys_ros_bridge.publishing.trajectory_topics import TrajectoryTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.topic_names import sensor_namespace
-
-
-class Announcements:
-    """Counts the samples that a bridge announces, and remembers the newest."""
-
-    def __init__(self) -> None:
-        self._newest = GetNewestSample.Response(success=True)
-
-    @property
-    def newest(self) -> GetNewestSample.Response:
-        """The sample that was announced last."""
-        return self._newest
-
-    def add(self, sample: Sample, stamp: Time) -> int:
-        """Note a sample that is about to be announced, and return its number, from 1 on."""
-        self._newest = GetNewestSample.Response(
-            success=True,
-            sequence=self._newest.sequence + 1,
-            batch_id=sample.batch_id,
-            sample_id=sample.sample_id,
-            stamp=stamp,
-            published=stamp_from_nanoseconds(time.time_ns()),
-        )
-        return int(self._newest.sequence)
 
 
 class SamplePublisher:

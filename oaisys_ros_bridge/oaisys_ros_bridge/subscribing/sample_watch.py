@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -35,6 +35,18 @@ EXPIRY_PERIOD_S = 0.5
 """Between two checks for messages that are overdue."""
 ASK_AGAIN_S = 1.0
 """After which a bridge is asked again: it drops answers to clients that it does not know."""
+
+
+class Heard(NamedTuple):
+    """What a bridge says of the samples and worlds that it has announced.
+
+    Attributes:
+        doubt: Why samples may be missing that no count has; empty: none are.
+        batch_begin_ns: From which stamp on samples show its newest world; 0: not known.
+    """
+
+    doubt: str = ""
+    batch_begin_ns: int = 0
 
 
 class SampleWatch:
@@ -100,7 +112,7 @@ class SampleWatch:
         """Whether the reader was there before the bridge."""
         return self.ledger.expects_from_first
 
-    def hear_newest(self, timeout_s: float) -> str:
+    def hear_newest(self, timeout_s: float) -> Heard:
         """Wait for the announcement of the newest sample, by what the bridge says which that is.
 
         The middleware keeps no order between an answer of the bridge and what it published before.
@@ -109,20 +121,17 @@ class SampleWatch:
 
         Args:
             timeout_s: Longest time to wait for what the bridge says.
-
-        Returns:
-            Why samples may be missing that no count has; empty: none are.
         """
         if self._begun_ns is None or not self._is_published_by_bridge():
-            return ""
+            return Heard()
         newest = self._ask_newest(timeout_s)
         if newest is None or not newest.success:
             reason = "no answer" if newest is None else newest.message
-            return f"{self._newest.srv_name} did not say which sample is the last: {reason}"
+            return Heard(f"{self._newest.srv_name} did not say which sample is the last: {reason}")
         if newest.sequence and nanoseconds(newest.published) > self._begun_ns:
             name = SampleName(newest.batch_id, newest.sample_id, nanoseconds(newest.stamp))
             self.ledger.wait_for_announcement(name, newest.sequence, LOST_AFTER_S)
-        return ""
+        return Heard(batch_begin_ns=nanoseconds(newest.batch_begin))
 
     def _ask_newest(self, timeout_s: float) -> GetNewestSample.Response | None:
         """Ask the bridge which sample is the newest; None: it does not answer in time."""

@@ -299,7 +299,9 @@ class LateBridge:
         self.node = Node("oaisys_bridge", context=peer.context)
         peer.executor.add_node(self.node)
         self._announced = self.node.create_publisher(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
+        self._worlds = self.node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self.asked = False
+        self.batch_begin = Time()
         self.node.create_service(GetNewestSample, "~/get_newest_sample", self._answer)
         peer.wait_until(lambda: self._announced.get_subscription_count() == 1)
 
@@ -308,7 +310,11 @@ class LateBridge:
         answer.success, answer.sequence = True, 2
         answer.batch_id, answer.sample_id, answer.stamp = 1, 2, Time(sec=2)
         answer.published = stamp_from_nanoseconds(time.time_ns())
+        answer.batch_begin = self.batch_begin
         return answer
+
+    def announce_world(self, number: int, begin: Time) -> None:
+        self._worlds.publish(SampleInfo(header=Header(stamp=begin), batch_id=number))
 
     def publish(self, number: int) -> None:
         stamp = Time(sec=number)
@@ -324,8 +330,10 @@ class LateBridge:
             )
         )
 
-    def answer_late(self, kind: type[Any], name: str, request: Any) -> Any:
-        """Call a service of the mapper; publish the second sample once it has asked for that."""
+    def answer_late(
+        self, kind: type[Any], name: str, request: Any, publish: Callable[[], None]
+    ) -> Any:
+        """Call a service of the mapper; publish what it has to wait for once it has asked."""
         client = self._peer.node.create_client(kind, f"oaisys_mapper/{name}")
         self._peer.wait_until(client.service_is_ready)
         wait_until_known(self._peer.node, "oaisys_mapper", self._peer.wait_until)
@@ -334,7 +342,7 @@ class LateBridge:
         for _ in range(3):
             self._peer.executor.spin_once(timeout_sec=0.1)
         assert not future.done()
-        self.publish(2)
+        publish()
         self._peer.wait_until(future.done)
         return future.result()
 
@@ -357,15 +365,32 @@ def test_a_sample_whose_announcement_comes_after_the_request_is_in_the_mesh(
 ) -> None:
     """18 of 150 meshes that were saved right after a view did not have it."""
     request = SaveMesh.Request(path=str(tmp_path / "m.ply"))
-    saved = late_bridge.answer_late(SaveMesh, "save_mesh", request)
+    saved = late_bridge.answer_late(SaveMesh, "save_mesh", request, lambda: late_bridge.publish(2))
     assert (saved.success, saved.message, saved.frames) == (True, "", 2)
+
+
+def test_the_map_of_a_world_is_not_saved_after_the_next_one_has_begun(
+    late_bridge: LateBridge, tmp_path: Path
+) -> None:
+    late_bridge.announce_world(1, Time(sec=1))
+    late_bridge.publish(2)
+    late_bridge._peer.wait_for_frames(2)
+    late_bridge.batch_begin = Time(sec=3)
+    request = SaveMesh.Request(path=str(tmp_path / "m.ply"))
+    saved = late_bridge.answer_late(
+        SaveMesh, "save_mesh", request, lambda: late_bridge.announce_world(2, Time(sec=3))
+    )
+    assert (saved.success, saved.message) == (False, "nothing has been mapped yet")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_sample_whose_announcement_comes_after_a_reset_is_not_in_the_map(
     late_bridge: LateBridge, tmp_path: Path
 ) -> None:
     peer = late_bridge._peer
-    assert late_bridge.answer_late(Trigger, "reset", Trigger.Request()).success
+    request = Trigger.Request()
+    answer = late_bridge.answer_late(Trigger, "reset", request, lambda: late_bridge.publish(2))
+    assert answer.success
     late_bridge.publish(3)
     peer.wait_for_frames(1)
     peer.wait_until(lambda: peer.latest["metrics"].header.stamp == Time(sec=3))
