@@ -93,17 +93,16 @@ def _facts(
         *([("Lidar scans", _count_in_words(statistics.scans))] if statistics.scans else []),
         (
             "Rendering",
-            (
-                f"{statistics.seconds:.0f} s of {statistics.workers} workers, "
-                f"{statistics.seconds / total:.2f} s a frame, {hours:.3g} worker-hours"
-            ),
+            f"{statistics.seconds:.0f} s of {statistics.workers} workers, "
+            + (f"{statistics.seconds / total:.2f} s a frame, " if total else "")
+            + f"{hours:.3g} worker-hours",
         ),
     ]
     if price_per_hour is None:
         return [*facts, ("Cost", "no price was given (--price-per-hour)")]
     cost = hours * price_per_hour
-    each = f"{cost:.4g} at {price_per_hour:g} an hour; {1000 * cost / total:.4g} for 1000 frames"
-    return [*facts, ("Cost", each)]
+    each = f"; {1000 * cost / total:.4g} for 1000 frames" if total else ""
+    return [*facts, ("Cost", f"{cost:.4g} at {price_per_hour:g} an hour{each}")]
 
 
 def _classes(statistics: DatasetStatistics, label_ids: Mapping[str, int]) -> str:

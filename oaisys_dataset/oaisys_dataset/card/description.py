@@ -47,6 +47,8 @@ def description_files(
     counts: Mapping[str, int],
     options: ExportOptions,
     needed: Sequence[str] = (),
+    *,
+    has_scans: bool = True,
 ) -> dict[str, bytes]:
     """Return the content of each file by its name.
 
@@ -56,13 +58,16 @@ def description_files(
         conventions: What a reader must know.
         counts: How many of what an export wrote or left out; empty for the data set itself.
         options: Licence and price.
-        needed: Images without which an export leaves a frame out, so that frames.csv does, too.
+        needed: Images without which an export leaves a frame out, so that these files do, too.
+        has_scans: Whether an export holds the lidar scans.
     """
-    statistics = statistics_of(dataset)
+    wanted = set(needed)
+    kept = [i for i, record in enumerate(dataset.records) if wanted <= set(record.images)]
+    statistics = statistics_of(dataset, kept, has_scans=has_scans)
     license_name = options.license
     readme = readme_text(name, conventions, statistics, counts, license_name)
-    frames = frames_table(dataset, needed)
-    shown = [dataset[index] for index in sample_indices(len(dataset), PICTURES)]
+    frames = frames_table(dataset.records[index] for index in kept)
+    shown = [dataset[kept[place]] for place in sample_indices(len(kept), PICTURES)]
     label_ids = {label: label_id for label_id, label in label_names(dataset).items()}
     page = data_card(name, statistics, shown, label_ids, license_name, options.price_per_hour)
     return {

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Collection
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from oaisys_core.geometry import pose_from_matrix
 
 if TYPE_CHECKING:
     from oaisys_dataset.manifest import FrameRecord
-    from oaisys_dataset.reader import Dataset
 
 FRAMES = "frames.csv"
 
@@ -41,14 +40,12 @@ COLUMNS = {
 """Meaning of each column by its name."""
 
 
-def frames_table(dataset: Dataset, needed: Collection[str] = ()) -> bytes:
-    """Return the content of frames.csv: the frames that have all of some images."""
+def frames_table(records: Iterable[FrameRecord]) -> bytes:
+    """Return the content of frames.csv."""
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     table.writeheader()
-    for record in dataset.records:
-        if set(needed) <= set(record.images):
-            table.writerow(_row(record))
+    table.writerows(_row(record) for record in records)
     return text.getvalue().encode()
 
 

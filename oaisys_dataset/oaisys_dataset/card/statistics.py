@@ -76,14 +76,24 @@ class DatasetStatistics:
     sun_deg: Histogram | None
 
 
-def statistics_of(dataset: Dataset) -> DatasetStatistics:
-    """Return the statistics of a data set."""
+def statistics_of(
+    dataset: Dataset, indices: Sequence[int] | None = None, *, has_scans: bool = True
+) -> DatasetStatistics:
+    """Return the statistics of a data set, or of what an export holds of it.
+
+    Args:
+        dataset: What is counted.
+        indices: Of its frames that count; None: all.
+        has_scans: Whether its lidar scans count.
+    """
+    indices = range(len(dataset)) if indices is None else indices
     frames, sensors, sizes, modalities = (Counter[str]() for _ in range(4))
     split_of: dict[int, str] = {}
     seconds, workers, suns = 0.0, set(), []
     software: dict[str, str] = {}
     label_pixels: Counter[int] = Counter()
-    for record in dataset.records:
+    for index in indices:
+        record = dataset.records[index]
         frames[record.split] += 1
         split_of[record.world] = record.split
         sensors[record.sensor] += 1
@@ -97,20 +107,21 @@ def statistics_of(dataset: Dataset) -> DatasetStatistics:
         if record.sun_elevation_deg is not None:
             suns.append(record.sun_elevation_deg)
     scans: Counter[str] = Counter()
-    for scan in dataset.scans:
+    for scan in dataset.scans if has_scans else ():
+        split_of[scan.world] = scan.split
         scans[scan.sensor] += 1
         seconds += scan.seconds
         workers.add(scan.worker)
     names = label_names(dataset)
     objects = Counter(
         names.get(thing.semantic_id, "")
-        for world in dataset.worlds
+        for world in sorted(split_of)
         for thing in dataset.legend(world).instances.values()
     )
     pixels = _PixelCounts()
-    chosen = sample_indices(len(dataset), MAX_SAMPLED)
-    for index in chosen:
-        record = dataset.records[index]
+    chosen = sample_indices(len(indices), MAX_SAMPLED)
+    for place in chosen:
+        record = dataset.records[indices[place]]
         pixels.add(dataset.sample(record, [m for m in (DEPTH, INSTANCE) if m in record.images]))
     return DatasetStatistics(
         frames=frames,

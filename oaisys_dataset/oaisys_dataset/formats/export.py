@@ -65,7 +65,13 @@ def export_dataset(
             counts |= _count_missing(chosen, dataset, needed)
             _require_content(name, dataset, counts)
             described = description_files(
-                dataset, name, chosen.conventions, counts, options, needed
+                dataset,
+                name,
+                chosen.conventions,
+                counts,
+                options,
+                needed,
+                has_scans=chosen.writes_scans,
             )
             for file, data in described.items():
                 (part / file).write_bytes(data)

@@ -64,6 +64,11 @@ def test_what_each_format_leaves_out_is_counted_and_no_row_of_frames(
     readme = (tmp_path / "out/README.md").read_text()
     for number in told.values():
         assert f"| {number} |" in readme
+    frames = VIEWS - left_out
+    noun = "frame" if frames == 1 else "frames"
+    assert f"train: 1 world, {frames} {noun}." in readme
+    card = (tmp_path / "out/data_card.html").read_text()
+    assert f">{frames} from 1 world<" in card
 
 
 def test_files_of_kitti_are_those_that_are_told(dataset: Dataset, tmp_path: Path) -> None:

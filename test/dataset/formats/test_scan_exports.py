@@ -95,6 +95,8 @@ def test_webdataset_reads_all_scans(scanned: Dataset, tmp_path: Path) -> None:
     counts = export_dataset(scanned, "webdataset", tmp_path / "out")
     assert (counts["frames"], counts["lidar scans"], counts["tar files"]) == (6, 16, 4)
     assert LEFT_OUT_SCANS not in counts
+    card = (tmp_path / "out/data_card.html").read_text(encoding="utf-8")
+    assert "roof (6), front (4), rosette (6)" in card
     index = pq.read_table(tmp_path / "out/index_scans.parquet").to_pylist()
     assert [row["scan_id"] for row in index] == [record.scan_id for record in scanned.scans]
     for split in scanned.splits:
@@ -135,4 +137,4 @@ def test_other_formats_say_what_they_leave_out(scanned: Dataset, tmp_path: Path,
     assert counts[LEFT_OUT_SCANS] == 8
     assert f"| {LEFT_OUT_SCANS} | 8 |" in (tmp_path / "out/README.md").read_text(encoding="utf-8")
     card = (tmp_path / "out/data_card.html").read_text(encoding="utf-8")
-    assert "roof (3), front (2), rosette (3)" in card
+    assert "Lidar scans" not in card
