@@ -270,7 +270,13 @@ def test_a_killed_program_leaves_no_folder(number: signal.Signals, tmp_path: Pat
         program.stdout.readline()
         assert list(tmp_path.glob("oaisys-gym-*"))
         program.send_signal(number)
-    wait_until(lambda: not list(tmp_path.glob("oaisys-gym-*")))
+    wait_until(
+        lambda: not list(tmp_path.glob("oaisys-gym-*")),
+        explain=lambda: {
+            str(path): path.read_text("utf-8")[-2000:] if path.is_file() else ""
+            for path in tmp_path.rglob("*")
+        },
+    )
 
 
 def test_what_a_dead_program_has_left_is_gone_after_the_next_start(tmp_path: Path) -> None:

@@ -12,9 +12,13 @@ import os
 import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
+
+LOOK_S = 0.01
+"""Between two tries to lock the file of an owner that ends."""
 
 _OWNED, _BEING_OWNED = "owner", "owner.new"
 """Names of the file that the folder's owner keeps locked as long as it runs."""
@@ -60,15 +64,21 @@ def remove_abandoned(prefix: str, parent: Path | None = None) -> None:
         remove_if_abandoned(path)
 
 
-def remove_if_abandoned(folder: Path) -> None:
-    """Remove an `OwnedFolder` of this user whose owner has ended; do nothing to any other."""
-    with contextlib.suppress(OSError), _lock_of_the_dead(folder):
+def remove_if_abandoned(folder: Path, wait_s: float = 0.0) -> None:
+    """Remove an `OwnedFolder` of this user whose owner has ended; do nothing to any other.
+
+    Args:
+        folder: It.
+        wait_s: Longest time to wait for the owner's end. The kernel tells of a process's end when
+            its first thread has ended; its files stay locked until the last one has.
+    """
+    with contextlib.suppress(OSError), _lock_of_the_dead(folder, wait_s):
         shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager
-def _lock_of_the_dead(folder: Path) -> Iterator[None]:
-    """Lock a folder of this user.
+def _lock_of_the_dead(folder: Path, wait_s: float) -> Iterator[None]:
+    """Lock a folder of this user once its owner has ended.
 
     Raises:
         OSError: It is another user's, or its owner lives.
@@ -78,7 +88,20 @@ def _lock_of_the_dead(folder: Path) -> Iterator[None]:
         raise PermissionError(folder)
     lock = os.open(folder / _OWNED, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        end_s = time.monotonic() + wait_s
+        while not _try_lock(lock, is_last=time.monotonic() >= end_s):
+            time.sleep(LOOK_S)
         yield
     finally:
         os.close(lock)
+
+
+def _try_lock(file: int, *, is_last: bool) -> bool:
+    """Lock a file and return True; where another process has it, return False, or raise at last."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        if is_last:
+            raise
+        return False
+    return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import threading
 from collections.abc import Callable
@@ -53,6 +54,8 @@ _STOP_S = 1.0
 _WORKER_END_S = 0.8
 _CALLS_END_S = 0.5
 """For calls to notice that they were cancelled."""
+_OWNER_END_S = 10.0
+"""For the last threads of a killed program to end, which hold the lock of its folder."""
 
 
 class HealthWithReason(health.HealthServicer):
@@ -97,6 +100,7 @@ class SimulatorServer:
             InvalidInputError: A certificate or key cannot be used.
         """
         self._options = options
+        self._parent = os.getppid()
         self._health = HealthWithReason()
         self._set_ready(False)
         self._supervisor = Supervisor(config, options, self._set_ready)
@@ -163,7 +167,9 @@ class SimulatorServer:
         remove_socket(self.address)
         if self.address.startswith(UNIX):
             # A program that was killed has left the folder that it had made for the socket.
-            remove_if_abandoned(unix_path(self.address).parent)
+            has_lost_parent = os.getppid() != self._parent
+            folder = unix_path(self.address).parent
+            remove_if_abandoned(folder, _OWNER_END_S if has_lost_parent else 0.0)
 
     def _add_services(self) -> None:
         """Add all that answers at the port."""

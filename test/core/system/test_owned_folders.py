@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
+
+from waiting import PATIENCE_S
 
 from oaisys_core.system.owned_folders import OwnedFolder, remove_abandoned, remove_if_abandoned
 
@@ -18,6 +21,25 @@ def leave(folder: Path) -> Path:
     code += "sys.stdout.flush(); os._exit(0)"
     command = [sys.executable, "-c", code, str(folder)]
     return Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def test_the_end_of_an_owner_that_is_under_way_is_waited_for(tmp_path: Path) -> None:
+    """A server ended with its killed owner while a thread of that still held the lock."""
+    code = "import os, sys; from pathlib import Path; "
+    code += "from oaisys_core.system.owned_folders import OwnedFolder; "
+    code += "own = OwnedFolder('a-', Path(sys.argv[1])); print(own.path, flush=True); "
+    code += "sys.stdin.read(); os._exit(0)"
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as owner:  # type: ignore[call-overload]
+        folder = Path(owner.stdout.readline().rstrip())
+        remove_if_abandoned(folder, 0.05)
+        assert folder.is_dir()
+        ending = threading.Timer(0.1, owner.stdin.close)
+        ending.start()
+        remove_if_abandoned(folder, PATIENCE_S)
+        assert not folder.exists()
+        ending.join()
 
 
 def test_folders_of_the_dead_alone_are_removed(tmp_path: Path) -> None:
