@@ -24,7 +24,7 @@ WIDTH_PX = 64
 EXTENT_M = 24.0
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"extent_m": EXTENT_M, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "extent_m": EXTENT_M, "resolution_px": 65},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
     "assets": {"rocks": [{"count": [20, 40]}]},
     "sensors": {

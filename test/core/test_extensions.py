@@ -23,7 +23,7 @@ IN_WORLDS = sorted(path.parent.name for path in EXAMPLES.glob("*/world.yaml"))
 
 SMALL = """
 backend: analytic
-stage: {preset: mounds, extent_m: 30, resolution_px: 65}
+stage: {surroundings: plain, preset: mounds, extent_m: 30, resolution_px: 65}
 materials: {texture_size_px: 64, mask: {size_px: 32, relief: 0}}
 sensors: {cameras: [{width_px: 64, height_px: 48}]}
 assets: {rocks: [{count: [20, 20]}]}

@@ -18,7 +18,12 @@ from oaisys_dataset.repeat import repeat_records
 
 DRAWN = {
     **SMALL,
-    "stage": {**SMALL["stage"], "preset": ["mounds", "canyon", "dunes"], "relief_m": [1, 4]},
+    "stage": {
+        **SMALL["stage"],
+        "surroundings": "land",
+        "preset": ["mounds", "canyon", "dunes"],
+        "relief_m": [1, 4],
+    },
     "environment": {"sky": {"glow_deg": [5, 20]}, "haze": [None, {"visibility_m": [50, 90]}]},
     "sensors": {
         **SMALL["sensors"],

@@ -12,7 +12,7 @@ from oaisys_gym.simulator import EpisodeSimulator
 
 SMALL_WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 33},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 24, "resolution_px": 33},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
     "assets": {"rocks": [{"count": [5, 5]}]},
     "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},

@@ -8,7 +8,7 @@ _CAMERA = {"width_px": 32, "height_px": 24, "fx_px": 27, "fy_px": 27, "modalitie
 
 DRIVEN_WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 40, "resolution_px": 65},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 64, "relief": 0}},
     "assets": {"rocks": []},
     "sensors": {

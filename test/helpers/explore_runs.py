@@ -9,7 +9,7 @@ from pathlib import Path
 
 WORLD = """
 seed: 4
-stage: {preset: mountain_1, extent_m: 24, resolution_px: 193}
+stage: {surroundings: plain, preset: mountain_1, extent_m: 24, resolution_px: 193}
 materials: {texture_size_px: 64, mask: {size_px: 128}}
 assets: {rocks: [{count: [20, 20], size_m: [0.3, 1.0]}]}
 """

@@ -32,13 +32,13 @@ FLAT_WORLD: dict[str, Any] = {
 
 ROCKY_WORLD: dict[str, Any] = {
     **FLAT_WORLD,
-    "stage": {"extent_m": 24, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "extent_m": 24, "resolution_px": 65},
     "assets": {"rocks": [{"count": [20, 40]}]},
 }
 
 MOUNDS: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 32, "resolution_px": 129},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 32, "resolution_px": 129},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
     "assets": {"rocks": [{"count": [20, 20]}]},
 }

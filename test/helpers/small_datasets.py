@@ -17,7 +17,7 @@ from oaisys_dataset.shards import HEAD
 
 SMALL: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"extent_m": 40.0, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "extent_m": 40.0, "resolution_px": 65},
     "assets": {"rocks": [{"count": [10, 10], "size_m": [0.5, 1.5]}]},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 64, "relief": 0}},
     "sensors": {

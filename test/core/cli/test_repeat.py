@@ -32,7 +32,13 @@ CAMERA: dict[str, Any] = {
 WORLD: dict[str, Any] = {
     "seed": 11,
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 40.0, "resolution_px": 65, "detail": {}},
+    "stage": {
+        "surroundings": "plain",
+        "preset": "mounds",
+        "extent_m": 40.0,
+        "resolution_px": 65,
+        "detail": {},
+    },
     "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
     "assets": {
         "rocks": [{"kind": "angular", "count": [12, 12], "variants": 1}],

@@ -13,7 +13,7 @@ from oaisys_core.files.folders import own_folder
 
 WORLD = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 12.0, "resolution_px": 33},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 12.0, "resolution_px": 33},
     "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
     "sensors": {
         "cameras": [{"name": "camera", "width_px": 16, "height_px": 12, "fx_px": 14, "fy_px": 14}]

@@ -13,7 +13,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
 
 simulation = Simulation(config_from_mapping({
-    "stage": {"extent_m": 16, "resolution_px": 33},
+    "stage": {"surroundings": "plain", "extent_m": 16, "resolution_px": 33},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 32}},
     "assets": {"rocks": []},
     "sensors": {"cameras": [{"width_px": 32, "height_px": 24}]},

@@ -9,7 +9,7 @@ from commands import oaisys_here
 
 WORLD = """
 backend: analytic
-stage: {preset: mounds, extent_m: 20, resolution_px: 33}
+stage: {surroundings: plain, preset: mounds, extent_m: 20, resolution_px: 33}
 materials: {texture_size_px: 32, mask: {size_px: 32}}
 assets: {rocks: [{count: [3, 3]}]}
 sensors: {cameras: [{width_px: 16, height_px: 12, modalities: [depth]}]}

@@ -27,7 +27,7 @@ OAISYS = Path(sys.executable).with_name("oaisys")
 
 CONFIG: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 40, "resolution_px": 65},
     "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
     "assets": {"rocks": []},
     "sensors": {

@@ -32,7 +32,12 @@ def world() -> Simulation:
         config_from_mapping(
             {
                 "backend": "analytic",
-                "stage": {"preset": "mounds", "extent_m": 40.0, "resolution_px": 65},
+                "stage": {
+                    "surroundings": "plain",
+                    "preset": "mounds",
+                    "extent_m": 40.0,
+                    "resolution_px": 65,
+                },
                 "materials": SMALL_MATERIALS,
                 "assets": {"rocks": []},
                 "sensors": {"cameras": [left, right]},

@@ -24,7 +24,7 @@ def sample_of(modalities: list[str], faults: dict[str, Any]) -> Sample:
     cameras = [{**camera, "modalities": modalities} for camera in CAMERAS]
     data = {
         "backend": "analytic",
-        "stage": {"extent_m": 30.0, "resolution_px": 33},
+        "stage": {"surroundings": "plain", "extent_m": 30.0, "resolution_px": 33},
         "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
         "assets": {"rocks": []},
         "sensors": {"cameras": cameras, "faults": faults},

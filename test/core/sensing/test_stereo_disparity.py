@@ -14,7 +14,7 @@ DISPARITIES_PX = 64
 
 CONFIG = {
     "seed": 5,
-    "stage": {"preset": "mounds", "extent_m": 32.0, "resolution_px": 257},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 32.0, "resolution_px": 257},
     "materials": {"texture_size_px": 512, "mask": {"size_px": 256}},
     "assets": {"rocks": [{"kind": "angular", "count": [60, 60]}]},
     "render": {"quality": "standard"},

@@ -152,7 +152,12 @@ def test_on_a_world_it_follows_the_surface_that_cameras_see() -> None:
         config_from_mapping(
             {
                 "backend": "analytic",
-                "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 129},
+                "stage": {
+                    "surroundings": "plain",
+                    "preset": "mounds",
+                    "extent_m": 40,
+                    "resolution_px": 129,
+                },
                 "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
                 "assets": {
                     "rocks": [{"kind": "rounded", "count": [200, 200], "size_m": [0.2, 0.2]}]

@@ -74,8 +74,11 @@ def test_every_kind_of_terrain_is_right_off_edges(preset: str) -> None:
         assert one.wrong_share <= 5e-4, one
 
 
+@pytest.fixture(scope="module")
 def one_view() -> tuple[Sample, ReferenceScene]:
-    simulation = Simulation(config_from_mapping(WORLD))
+    stage = {**WORLD["stage"], "surroundings": "plain"}
+    config = config_from_mapping({**WORLD, "stage": stage, "assets": FEW_ROCKS})
+    simulation = Simulation(config)
     simulation.step_batch()
     return simulation.step_sample(), ReferenceScene(
         simulation.scene, simulation.ground_truth_mesh()
@@ -91,9 +94,8 @@ def shifted(sample: Sample, pixels: int) -> Sample:
     return replace(sample, frames=frames)
 
 
-def test_images_that_are_two_pixels_off_are_found() -> None:
-    sample, reference = one_view()
-
+def test_images_that_are_two_pixels_off_are_found(one_view: tuple[Sample, ReferenceScene]) -> None:
+    sample, reference = one_view
     right = {f.modality: f for f in audit_sample(sample, reference, drawn())}
     wrong = {f.modality: f for f in audit_sample(shifted(sample, 2), reference, drawn())}
 
@@ -101,8 +103,10 @@ def test_images_that_are_two_pixels_off_are_found() -> None:
     assert all(f.wrong_share > 5e-4 for f in wrong.values())
 
 
-def test_a_depth_that_is_half_a_percent_long_is_found() -> None:
-    sample, reference = one_view()
+def test_a_depth_that_is_half_a_percent_long_is_found(
+    one_view: tuple[Sample, ReferenceScene],
+) -> None:
+    sample, reference = one_view
     frames = [replace(f, data=f.data * np.float32(1.005)) for f in sample.frames[1:2]]
 
     (found,) = audit_sample(replace(sample, frames=tuple(frames)), reference, drawn())

@@ -148,7 +148,12 @@ def world():
     config = {
         "seed": 4,
         "backend": "analytic",
-        "stage": {"preset": "mountain_1", "extent_m": SIZE_M, "resolution_px": 129},
+        "stage": {
+            "surroundings": "plain",
+            "preset": "mountain_1",
+            "extent_m": SIZE_M,
+            "resolution_px": 129,
+        },
         "materials": SMALL_MATERIALS,
         "assets": {"rocks": []},
         "render": {"quality": "geometry"},

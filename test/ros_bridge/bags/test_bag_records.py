@@ -31,7 +31,10 @@ class Recorded:
     """A bag as the recorder writes it of a bridge in the namespace ``/robot``."""
 
     def __init__(self, folder: Path, cameras: list[dict[str, Any]]) -> None:
-        world = {"backend": "analytic", "stage": {"resolution_px": 65, "extent_m": 30.0}}
+        world = {
+            "backend": "analytic",
+            "stage": {"resolution_px": 65, "extent_m": 30.0, "surroundings": "plain"},
+        }
         world |= {"materials": SMALL_MATERIALS}
         self.config = config_from_mapping({**world, "sensors": {"cameras": cameras}})
         self.prefixes = {c["name"]: c["name"] if len(cameras) > 1 else "camera" for c in cameras}
@@ -96,15 +99,15 @@ def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
         sample = recorded.simulation.step_sample()
         recorded.sample(sample, FAULTS)
     (file,) = (tmp_path / "bag").glob("*.mcap")
-    refused = oaisys("repeat", file)
+    refused = oaisys_here("repeat", file)
     assert refused.returncode == 2
     assert "--config FILE" in refused.stderr
     assert "oaisys_bridge/configuration is recorded" in refused.stderr
     config = tmp_path / "config.yaml"
     config.write_text(canonical_json(recorded.config))
-    assert "batch 1 sample 2: equal" in oaisys("repeat", file, "--config", config).stdout
-    named = oaisys("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
-    assert named.returncode == 0, named.stdout
+    done = oaisys("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
+    assert done.returncode == 0, done.stdout
+    assert "batch 1 sample 2: equal" in done.stdout
 
 
 def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) -> None:
@@ -144,6 +147,6 @@ def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> N
         told = sample_info_msg(recorded.simulation.step_sample(), Header())
         told.faults_json = text
         recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
-    done = oaisys_here("repeat", tmp_path / "bag")
+    done = oaisys("repeat", tmp_path / "bag")
     assert done.returncode == 2
     assert "faults_json" in done.stderr

@@ -26,7 +26,7 @@ NS_PER_S = 1_000_000_000
 MOUNT_M = [0.5, 0.0, 1.5]
 CONFIG: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 40, "resolution_px": 65},
     "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
     "assets": {"rocks": []},
     "sensors": {

@@ -128,7 +128,9 @@ def test_a_request_waits_while_the_worker_is_started_again(stage: Stage) -> None
 
 @pytest.mark.long
 def test_signals_end_it_in_peace_even_while_it_renders(stage: Stage) -> None:
-    server = stage.start_world({**FLAT_WORLD, "stage": {"extent_m": 40, "resolution_px": 513}})
+    server = stage.start_world(
+        {**FLAT_WORLD, "stage": {"surroundings": "plain", "extent_m": 40, "resolution_px": 513}}
+    )
     bridge = stage.start_bridge(server.address)
     stage.user.wait_until(lambda: "first batch" in bridge.log.read_text())
 

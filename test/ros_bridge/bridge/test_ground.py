@@ -29,7 +29,7 @@ pytestmark = pytest.mark.ros
 STONE_ID = 20
 WORLD: dict[str, Any] = {
     **FLAT_WORLD,
-    "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 129},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 40, "resolution_px": 129},
     "assets": {
         "rocks": [],
         "primitives": [

@@ -74,7 +74,7 @@ def test_what_a_program_prints_is_quoted_within_bounds(tmp_path: Path) -> None:
 
 
 def test_a_program_that_prints_no_line_is_waited_for_within_bounds(tmp_path: Path) -> None:
-    script = "head -c 50000000 /dev/zero | tr '\\0' a; printf '\\nready: yes\\n'; sleep 1000"
+    script = "head -c 50000000 /dev/zero | tr '\\0' a; printf '\\nready: yes\\n'; exec sleep 1000"
     tracemalloc.start()
     try:
         with ManagedProcess("it", ["sh", "-c", script], tmp_path / "log", os.environ) as it:

@@ -21,7 +21,7 @@ CELL_M = 0.25
 PREFIXES = ("ground_truth", "oaisys_mapper")
 WORLD: dict[str, Any] = {
     **FLAT_WORLD,
-    "stage": {"preset": "mounds", "extent_m": 32, "resolution_px": 129},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 32, "resolution_px": 129},
     "sensors": {"cameras": [{"width_px": 160, "height_px": 120, "fx_px": 100, "fy_px": 100}]},
 }
 

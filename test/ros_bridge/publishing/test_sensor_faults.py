@@ -271,7 +271,10 @@ def test_the_simulator_makes_the_noise_that_the_bridge_makes(law: NoiseLaw) -> N
     faults = {"seed": 12, "depth_noise": law, "depth_sigma_m": 0.1, "missing_ratio": 0.05}
     faults |= {"max_depth_m": 9.0, "drift_m": 0.5, "drift_rad": 0.1}
     camera = {"name": "front", "modalities": ["depth", "range"], "width_px": 32, "height_px": 24}
-    world: dict[str, Any] = {"backend": "analytic", "stage": {"resolution_px": 33}}
+    world: dict[str, Any] = {
+        "backend": "analytic",
+        "stage": {"surroundings": "plain", "resolution_px": 33},
+    }
     world |= {"materials": {"texture_size_px": 64, "mask": {"size_px": 64, "relief": 0}}}
     world |= {"assets": {"rocks": []}}
     samples = []

@@ -108,7 +108,9 @@ def test_plans_that_cannot_be_flown_are_refused(
 
 
 def test_a_stage_of_no_place_takes_no_plan(tmp_path: Path) -> None:
-    made = Simulation(config_from_mapping({**BARE, "stage": {"resolution_px": 33}}))
+    made = Simulation(
+        config_from_mapping({**BARE, "stage": {"surroundings": "plain", "resolution_px": 33}})
+    )
     made.step_batch()
     path = write(tmp_path / "a.plan", [item(0, 0, 20, 0)])
     with pytest.raises(InvalidInputError, match="elevation model that says where it lies"):

@@ -21,7 +21,13 @@ from oaisys_core.types import ModuleMetadata, Pose, Sample
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 24, "resolution_px": 33, "relief_m": 0},
+    "stage": {
+        "surroundings": "plain",
+        "preset": "mounds",
+        "extent_m": 24,
+        "resolution_px": 33,
+        "relief_m": 0,
+    },
     "materials": {
         "layers": [{"texture": "gravel", "label": "gravel", "semantic_id": 1}],
         "texture_size_px": 16,

@@ -40,7 +40,13 @@ GRAVEL: dict[str, Any] = {
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 12.0, "resolution_px": 33, "relief_m": 0.5},
+    "stage": {
+        "surroundings": "plain",
+        "preset": "mounds",
+        "extent_m": 12.0,
+        "resolution_px": 33,
+        "relief_m": 0.5,
+    },
     "materials": {
         "layers": [GRAVEL],
         "texture_size_px": SIZE_PX,

@@ -31,7 +31,12 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 def simulation() -> Simulation:
     config = {
         "backend": "analytic",
-        "stage": {"preset": "mounds", "extent_m": 20.0, "resolution_px": 65},
+        "stage": {
+            "surroundings": "plain",
+            "preset": "mounds",
+            "extent_m": 20.0,
+            "resolution_px": 65,
+        },
         "materials": {"texture_size_px": 32, "mask": {"size_px": 32, "relief": 0}},
         "assets": {"rocks": [], "primitives": [BALL]},
         "sensors": {"cameras": [{"width_px": 8, "height_px": 6}]},

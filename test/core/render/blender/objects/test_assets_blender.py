@@ -19,7 +19,7 @@ ROVER = {
     "trajectory": {"waypoints_m": [[-4, -2], [4, 2]], "step_m": 2.0},
 } | LABEL
 CONFIG: dict[str, Any] = {
-    "stage": {"preset": "mounds", "extent_m": 30.0, "resolution_px": 65},
+    "stage": {"surroundings": "plain", "preset": "mounds", "extent_m": 30.0, "resolution_px": 65},
     "materials": {"texture_size_px": 16},
     "assets": {
         "rocks": [{"count": [20, 20], "variants": 1}],

@@ -407,7 +407,12 @@ def test_a_restored_simulation_goes_on_as_the_first_would_have() -> None:
     config = config_from_mapping(
         {
             "backend": "analytic",
-            "stage": {"preset": "mounds", "extent_m": 30.0, "resolution_px": 65},
+            "stage": {
+                "surroundings": "plain",
+                "preset": "mounds",
+                "extent_m": 30.0,
+                "resolution_px": 65,
+            },
             "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
             "assets": ASSETS,
             "sensors": {
