@@ -21,7 +21,14 @@ from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import check_pose, is_invertible, pose_from_matrix, pose_to_matrix
-from oaisys_core.types import EQUIDISTANT, PLUMB_BOB, FloatArray, PinholeIntrinsics, Pose
+from oaisys_core.types import (
+    BAYER,
+    EQUIDISTANT,
+    PLUMB_BOB,
+    FloatArray,
+    PinholeIntrinsics,
+    Pose,
+)
 
 T = TypeVar("T")
 
@@ -56,19 +63,22 @@ MAX_CHANNELS = 4
 MAX_PIXELS = 65_536
 """Width and height of an image."""
 
+_CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
+_CHANNELS |= {f"bayer_{mosaic}": 1 for mosaic in BAYER.values()}
+
 FORMAT_BY_ENCODING: dict[str, PixelFormat] = {
-    "rgb8": PixelFormat(np.dtype(np.uint8), 3),
-    "bgr8": PixelFormat(np.dtype(np.uint8), 3),
-    "rgba8": PixelFormat(np.dtype(np.uint8), 4),
-    "bgra8": PixelFormat(np.dtype(np.uint8), 4),
-    "mono8": PixelFormat(np.dtype(np.uint8), 1),
+    **{
+        f"{name}{8 * dtype.itemsize}": PixelFormat(dtype, channels)
+        for name, channels in _CHANNELS.items()
+        for dtype in (np.dtype(np.uint8), np.dtype(np.uint16))
+    },
     **{
         f"{name}C{channels}": PixelFormat(dtype, channels)
         for name, dtype in OPENCV_TYPES.items()
         for channels in range(1, MAX_CHANNELS + 1)
     },
 }
-"""Encodings of the published images, and common ones of other cameras."""
+"""Encodings of ``sensor_msgs/image_encodings``, but for those that share values between pixels."""
 
 COLOR_ORDERS = {
     "rgb8": [0, 1, 2],
@@ -90,9 +100,9 @@ def opencv_encoding(data: NDArray[Any]) -> str:
     """
     channels = 1 if data.ndim == 2 else data.shape[-1]
     dtype = np.dtype(np.int32) if data.dtype == np.uint32 else data.dtype
-    for encoding, pixels in FORMAT_BY_ENCODING.items():
-        if encoding not in COLOR_ORDERS and pixels == (dtype, channels):
-            return encoding
+    for name, each in OPENCV_TYPES.items():
+        if each == dtype and 1 <= channels <= MAX_CHANNELS:
+            return f"{name}C{channels}"
     expected = f"up to {MAX_CHANNELS} channels of {', '.join(map(str, OPENCV_TYPES.values()))}"
     raise InvalidInputError("image.data", (data.shape, str(data.dtype)), expected)
 
@@ -271,7 +281,9 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
 
 
 def image_from_msg(msg: Image) -> NDArray[Any]:
-    """Return the (H, W, channels) or (H, W) array of an image; it shares the message's memory.
+    """Return the (H, W, channels) or (H, W) array of an image, in this machine's order of bytes.
+
+    It shares the message's memory if that has the same order.
 
     Raises:
         TypeError: ``msg`` is not a ``sensor_msgs/Image``.
@@ -289,7 +301,7 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
         expected = f"step of at least {row_bytes} bytes and {msg.height} rows of it"
         raise InvalidInputError("image.data", received, expected)
     rows = np.frombuffer(msg.data, dtype=np.uint8).reshape(msg.height, msg.step)[:, :row_bytes]
-    pixels = np.ascontiguousarray(rows).view(dtype)
+    pixels = np.ascontiguousarray(rows).view(dtype).astype(plain, copy=False)
     return pixels.reshape(msg.height, msg.width, channels) if channels > 1 else pixels
 
 

@@ -18,9 +18,10 @@ from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import depth_to_points, pose_to_matrix
-from oaisys_core.types import PinholeIntrinsics, Pose
+from oaisys_core.types import Frame, PinholeIntrinsics, Pose
 from oaisys_ros_bridge import clouds, conversions
 from oaisys_ros_bridge.publishing import trajectory_topics
+from oaisys_ros_bridge.topic_names import encoding_of
 
 HEADER = Header(stamp=Time(sec=7, nanosec=9), frame_id="somewhere")
 CAMERA = PinholeIntrinsics(8, 6, 7.5, 7.25, 3.5, 2.25)
@@ -156,6 +157,26 @@ def test_an_image_survives_the_way_there_and_back(
     np.testing.assert_array_equal(back, data)
 
 
+@pytest.mark.parametrize(
+    ("modality", "pixel_bytes"),
+    [
+        ("mono16", 2),
+        ("rgb16", 6),
+        *((f"bayer_{mosaic}16", 2) for mosaic in ("rggb", "bggr", "gbrg", "grbg")),
+    ],
+)
+def test_digital_numbers_have_the_encoding_of_their_name(modality: str, pixel_bytes: int) -> None:
+    """Bytes of a pixel as in ``sensor_msgs/image_encodings.hpp``; each was refused."""
+    shape = (6, 8, 3) if modality == "rgb16" else (6, 8)
+    data = np.random.default_rng(3).integers(0, 65536, shape).astype(np.uint16)
+    frame = Frame("camera", modality, data, CAMERA, np.eye(4))
+
+    msg = conversions.image_to_msg(data, encoding_of(frame), HEADER)
+
+    assert (msg.encoding, msg.step) == (modality, 8 * pixel_bytes)
+    np.testing.assert_array_equal(conversions.image_from_msg(msg), data)
+
+
 def test_a_view_of_an_image_is_sent_as_it_looks() -> None:
     mirrored = np.arange(48, dtype=np.uint16).reshape(6, 8)[:, ::-1]
 
@@ -168,7 +189,9 @@ def test_padded_and_big_endian_images_are_understood() -> None:
     rows = [struct.pack(">3H", 1, 2, 300) + b"padding!" for _ in range(2)]
     msg = Image(height=2, width=3, encoding="16UC1", is_bigendian=1, step=14, data=b"".join(rows))
 
-    np.testing.assert_array_equal(conversions.image_from_msg(msg), [[1, 2, 300]] * 2)
+    found = conversions.image_from_msg(msg)
+    np.testing.assert_array_equal(found, [[1, 2, 300]] * 2)
+    assert found.dtype.isnative, "views of it by another type would have its bytes swapped"
 
 
 def test_instance_ids_must_fit_the_encoding() -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from commands import oaisys, oaisys_here
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
 from synthetic_worlds import SMALL_MATERIALS
 
@@ -16,6 +18,7 @@ from oaisys_core.config import canonical_json, config_from_mapping
 from oaisys_core.sensing.faults import CaptureId, DepthFaults, measure_frame
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Sample
+from oaisys_ros_bridge.bags.recorded.recorded_samples import open_bag
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.conversions import image_to_msg
 from oaisys_ros_bridge.publishing.sample_info import outline_from_msg, sample_info_msg
@@ -29,6 +32,9 @@ FAULTS = DepthFaults(seed=3, noise="kinect", missing_ratio=0.1)
 
 class Recorded:
     """A bag as the recorder writes it of a bridge in the namespace ``/robot``."""
+
+    is_bigendian = False
+    """Whether images have the highest byte of a value first."""
 
     def __init__(self, folder: Path, cameras: list[dict[str, Any]]) -> None:
         world = {
@@ -64,9 +70,38 @@ class Recorded:
             capture = CaptureId(sample.batch_id, sample.sample_id, frame.sensor)
             seen = measure_frame(frame, faults or DepthFaults(), capture)
             image = image_to_msg(seen.data, encoding_of(frame), header)
+            if self.is_bigendian:
+                turn_bytes(image, seen.data.itemsize)
             topic = TOPIC_BY_MODALITY.get(frame.modality, frame.modality)
             name = f"/robot/{self.prefixes[frame.sensor]}/{topic}/image_raw"
             self.write(name, "sensor_msgs/msg/Image", image)
+
+
+def turn_bytes(image: Image, value_bytes: int) -> None:
+    """Turn the order of an image's bytes, which a machine of little endian made."""
+    data = bytes(image.data)
+    values = [data[at : at + value_bytes][::-1] for at in range(0, len(data), value_bytes)]
+    image.data, image.is_bigendian = b"".join(values), 1
+
+
+@pytest.mark.parametrize("is_bigendian", [False, True])
+def test_digital_numbers_are_read_from_a_bag_in_any_order_of_bytes(
+    tmp_path: Path, is_bigendian: bool
+) -> None:
+    """Digital numbers could not be recorded; the bytes of the other order were swapped."""
+    modalities = ["mono16", "rgb16", "bayer_grbg16", "radiance", "depth", "instance"]
+    recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA, "modalities": modalities}])
+    recorded.is_bigendian = is_bigendian
+    recorded.simulation.step_batch()
+    sample = recorded.simulation.step_sample()
+    with recorded.bag:
+        recorded.sample(sample)
+    bag = open_bag(tmp_path / "bag")
+    assert bag is not None
+    (found,) = bag.read(bag.ids())
+    assert {frame.modality for frame in found.frames} == {*modalities}
+    for frame in found.frames:
+        np.testing.assert_array_equal(frame.data, sample.frame("front", frame.modality).data)
 
 
 @pytest.mark.long
