@@ -16,6 +16,24 @@ from oaisys_core.procedural.meshes import blender_files
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.system.ending.interruption import interruptible
 
+USD = """#usda 1.0
+(
+    upAxis = "Z"
+    {above}
+)
+def Mesh "own"
+{{
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points = [(0, 0, 0), (4, 0, 0), (0, 4, 0)]
+}}
+def "other" (
+    {of_prim}
+)
+{{
+}}
+"""
+
 ACCESS = """
 import sys
 from pathlib import Path
@@ -124,3 +142,48 @@ def test_a_reader_can_open_nothing_elsewhere(tmp_path: Path) -> None:
     if "none" in ended.stderr:
         pytest.skip("this kernel has no Landlock")
     assert ended.stdout.split() == ["inside", *["refused"] * 5], ended.stderr
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    "line",
+    [
+        "references = @{}@</own>",
+        "payload = @{}@</own>",
+        "subLayers = [@{}@]",
+        "clips = {{ dictionary default = {{ asset[] assetPaths = [@{}@] }} }}",
+        "references = @between.usda@</own>",
+    ],
+)
+@pytest.mark.parametrize(
+    "name", ["../other.usda", "{top}/other.usda", "link.usda", "http://h/o.usda"]
+)
+def test_a_usd_file_that_refers_to_others_elsewhere_is_refused_by_name(
+    tmp_path: Path, line: str, name: str
+) -> None:
+    """What lies elsewhere was left out without a word, or read where the kernel has no Landlock."""
+    own = tmp_path / "own"
+    own.mkdir()
+    (tmp_path / "other.usda").write_text(USD.format(above="", of_prim=""))
+    (own / "link.usda").symlink_to(tmp_path / "other.usda")
+    name = name.format(top=tmp_path)
+    between = USD.format(above="", of_prim=f"references = @{name}@</own>")
+    (own / "between.usda").write_text(between)
+    place = "above" if line.startswith("sub") else "of_prim"
+    lines = {"above": "", "of_prim": "", place: line.format(name)}
+    (own / "world.usda").write_text(USD.format(**lines))
+    with pytest.raises(InvalidInputError, match="in its own folder or in the asset roots") as error:
+        load_mesh(own / "world.usda")
+    assert name in str(error.value)
+
+
+@pytest.mark.blender
+def test_layers_beside_a_usd_file_are_read_and_missing_ones_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "other.usda").write_text(USD.format(above="", of_prim=""))
+    for name, triangles in (("other.usda", 2), ("gone.usda", 1)):
+        text = USD.format(above="", of_prim=f"references = @{name}@</own>")
+        (tmp_path / "world.usda").write_text(text)
+        assert len(load_mesh(tmp_path / "world.usda").triangles) == triangles
+        assert ("'gone.usda' is missing" in caplog.text) == (name == "gone.usda")

@@ -18,6 +18,7 @@ from oaisys_core.geometry import transform_points
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
 from oaisys_core.render.blender.objects.blend_materials import BlendMaterial, read_material
+from oaisys_core.render.blender.objects.usd_references import USD_SUFFIXES, references_of
 
 RANDOM_CELL = 1e-3
 """Size of the cells, in a texture's coordinates, of the noise that replaces random numbers."""
@@ -44,13 +45,19 @@ def read_by_blender(
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
+    warnings: list[str] = []
+    for name, place in references_of(path, folders) if path.suffix.lower() in USD_SUFFIXES else ():
+        if "://" in name or not lies_within(place, folders):
+            return {"outside": np.array(name)}
+        if not place.exists() and "<UDIM>" not in name:
+            warnings.append(f"{name!r} is missing, and what it adds")
     failed = _load(path)
     if failed is not None:
         return {"importer": np.array(failed)}
     outside = _outside(path, folders)
     if outside is not None:
         return {"outside": np.array(outside)}
-    warnings = replace_random_textures()
+    warnings += replace_random_textures()
     things = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
     chosen = [thing for thing in things if object_name in ("", thing.name)]
     random = _random_shape(chosen)
