@@ -184,7 +184,7 @@ def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
     data = read_file(path, use)
     try:
         header = radiance_header(data)
-        width, height, start, factors = header
+        width, height, start, factors, primaries = header
         use.check(width, height, str(path))
         if has_new_runs(data, header):
             # A header of our own, as another reader may find another size in that of the file.
@@ -194,6 +194,10 @@ def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
             pixels = plain_radiance(data, header)[..., ::-1]
     except ValueError as error:
         raise use.refusal(str(path), error) from error
+    if primaries:
+        from oaisys_core.files.image_formats.color_spaces import check_primaries
+
+        check_primaries(primaries, use, str(path))
     if factors != (1.0, 1.0, 1.0):
         pixels /= np.asarray(factors[::-1], np.float32)
     return pixels

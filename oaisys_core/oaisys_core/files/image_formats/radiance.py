@@ -25,12 +25,14 @@ class RadianceHeader(NamedTuple):
         height: Of the image.
         start: Place of the pixels in the file.
         factors: By which red, green and blue were multiplied when the file was written.
+        primaries: x and y of red, green and blue, if it names them.
     """
 
     width: int
     height: int
     start: int
     factors: tuple[float, float, float]
+    primaries: tuple[float, ...] = ()
 
 
 def radiance_header(data: bytes) -> RadianceHeader:
@@ -48,7 +50,22 @@ def radiance_header(data: bytes) -> RadianceHeader:
     for other in {*formats} - {b"32-bit_rle_rgbe"}:
         raise ValueError(f"its pixels are {_text(other)}, not 32-bit_rle_rgbe")
     factors = _radiance_factors(found[0])
-    return RadianceHeader(int(found[2]), int(found[1]), found.end(), factors)
+    primaries = _primaries(found[0])
+    return RadianceHeader(int(found[2]), int(found[1]), found.end(), factors, primaries)
+
+
+def _primaries(head: bytes) -> tuple[float, ...]:
+    """Return the last primaries that a Radiance file's header names, without the white."""
+    texts = re.findall(rb"\nPRIMARIES=([^\n]*)", head)
+    if not texts:
+        return ()
+    try:
+        values = tuple(float(value) for value in texts[-1].split())
+    except ValueError:
+        values = ()
+    if len(values) != 8:
+        raise ValueError(f"its header says {_text(b'PRIMARIES=' + texts[-1])}")
+    return values[:6]
 
 
 def _radiance_factors(head: bytes) -> tuple[float, float, float]:

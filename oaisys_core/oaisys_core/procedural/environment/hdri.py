@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.files.image_formats.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
+from oaisys_core.files.image_formats.color_spaces import check_exr_primaries, gamma_of
+from oaisys_core.files.image_formats.images import (
+    SKY,
+    SKY_LABELS,
+    decode_pixels,
+    read_file,
+    read_radiance_file,
+)
 from oaisys_core.files.image_formats.label_images import LabelPixels, read_label_pixels
 from oaisys_core.files.versions import Version, version_of
 from oaisys_core.output.exr import read_channels
@@ -37,6 +44,9 @@ MAX_KEPT = 2_000_000_000
 
 BRIGHTEST = 65504.0
 """Largest half float; it replaces infinite radiance."""
+
+MOST_INVALID = 0.01
+"""Share of pixels that may be NaN or infinite."""
 
 
 Key = tuple[str, tuple[int, ...], tuple[Version, ...]]
@@ -113,9 +123,24 @@ def read_radiance(file: Path) -> NDArray[np.float32]:
     pixels = read(file)
     _check_layout(file, pixels)
     radiance = np.ascontiguousarray(pixels, dtype=np.float32)
-    # Some published images contain a few invalid pixels. In place: a copy may take 1.6 GB.
+    _check_finite(file, radiance)
+    # In place: a copy may take 1.6 GB.
     np.nan_to_num(radiance, copy=False, nan=0.0, posinf=BRIGHTEST, neginf=0.0)
     return np.maximum(radiance, 0.0, out=radiance)
+
+
+def _check_finite(file: Path, radiance: NDArray[np.float32]) -> None:
+    """Warn of the few invalid pixels that some published images contain; raise if they are many."""
+    count = int((~np.isfinite(radiance).all(axis=-1)).sum())
+    share = count / (radiance.shape[0] * radiance.shape[1])
+    if share > MOST_INVALID:
+        expected = f"finite radiance, but for at most {100 * MOST_INVALID:g} % of the pixels"
+        shown = f"{file}: {100 * share:.3g} % of the pixels are not finite"
+        raise InvalidInputError("environment.hdri", shown, expected)
+    if count:
+        LOG.warning(
+            "%s: %d pixels are not finite; NaN becomes 0, infinity %g", file, count, BRIGHTEST
+        )
 
 
 def _read_hdr(file: Path) -> NDArray[Any]:
@@ -123,21 +148,25 @@ def _read_hdr(file: Path) -> NDArray[Any]:
 
 
 def _read_photograph(file: Path) -> NDArray[Any]:
-    pixels = read_pixels(file, SKY)
+    data = read_file(file, SKY)
+    pixels = decode_pixels(data, SKY, str(file))
     if pixels.dtype.kind != "u":
         raise InvalidInputError("environment.hdri", str(file), "pixels of 8 or 16 bits")
+    gamma = gamma_of(data, str(file))
     LOG.warning(
-        "%s: a photograph in sRGB: what is white in it, such as the sun, has a radiance of 1, so"
+        "%s: a photograph %s: what is white in it, such as the sun, has a radiance of 1, so"
         " the light is softer and weaker than outdoors",
-        file,
-    )
+        file, "in sRGB" if gamma is None else f"with a gamma of {gamma:g}",
+    )  # fmt: skip
     shades = pixels[..., None] if pixels.ndim == 2 else pixels
     rgb = shades[..., 2::-1] if shades.shape[2] >= 3 else np.repeat(shades[..., :1], 3, axis=2)
-    return linear(rgb / np.float32(np.iinfo(pixels.dtype).max))
+    values = rgb / np.float32(np.iinfo(pixels.dtype).max)
+    return linear(values) if gamma is None else values ** np.float32(1 / gamma)
 
 
 def _read_exr(file: Path) -> NDArray[Any]:
     channels = read_channels(file, SKY)
+    check_exr_primaries(file, SKY)
     is_grey = "Y" in channels and channels.keys() <= {"Y", "A"}
     names = ("Y", "Y", "Y") if is_grey else ("R", "G", "B")
     if not channels.keys() >= set(names):

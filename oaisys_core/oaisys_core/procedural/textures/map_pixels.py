@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import logging
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.image_formats.color_spaces import check_exr_primaries, gamma_of
 from oaisys_core.files.image_formats.images import TEXTURE, decode_pixels, read_file
 from oaisys_core.output.exr import read_channels
 
@@ -21,7 +20,6 @@ LOG = logging.getLogger(__name__)
 
 Image = NDArray[np.float32]
 
-_SRGB_PROFILES = re.compile(rb"s\W*R\W*G\W*B|IEC\W*61966-?2", re.IGNORECASE)
 _GREY_STEP = 0.02
 """Difference of channels that is more than the noise of JPEG."""
 
@@ -29,22 +27,31 @@ _GREY_STEP = 0.02
 def read_color(path: Path) -> Image:
     """Return (H, W, 3) sRGB-encoded colour, 0 to 1.
 
-    EXR images, TIFF images of floats and PNG images with a gamma of 1 have linear colour.
+    EXR images and TIFF images of floats have linear colour, PNG images what their gamma says.
 
     Raises:
-        InvalidInputError: It cannot be read.
+        InvalidInputError: It cannot be read, or has other primaries.
     """
-    image, is_linear = read_map(path)
+    image, gamma = read_map(path)
+    color = image[..., :3]
     if image.shape[2] == 4 and (image[..., 3] < 1).any():
         LOG.warning("%s: its transparency is left aside: ground has no holes", path)
-    color = image[..., :3]
+        color = _without_opacity(image) if is_exr(path) else color
+    if is_exr(path):
+        check_exr_primaries(path, TEXTURE)
     if (share := float((color > 1).any(axis=-1).mean())) > 0:
         LOG.warning("%s: %.1f %% of its colours are above 1, and clipped", path, 100 * share)
     color = np.clip(color, 0, 1)
-    if is_linear:
-        LOG.info("%s: its colours are linear", path)
-        return srgb(color)
-    return color
+    if gamma is None:
+        return color
+    LOG.info("%s: its colours are light to the power of %g", path, gamma)
+    return srgb(color if gamma == 1 else color ** np.float32(1 / gamma))
+
+
+def _without_opacity(image: Image) -> Image:
+    """Return colours that EXR, by its standard, has multiplied by their opacity."""
+    alpha = image[..., 3:]
+    return np.divide(image[..., :3], alpha, out=image[..., :3].copy(), where=alpha > 0)
 
 
 def read_grey(path: Path, channel: int = 0) -> Image:
@@ -106,17 +113,23 @@ def read_normals(path: Path) -> Image:
     return normals
 
 
-def read_map(path: Path) -> tuple[Image, bool]:
-    """Return an image as (H, W, 3 or 4) red first, integers as 0 to 1, and whether it is linear.
+def is_exr(path: Path) -> bool:
+    """Return whether a map is read as an EXR image."""
+    return path.suffix.lower() == ".exr"
+
+
+def read_map(path: Path) -> tuple[Image, float | None]:
+    """Return an image as (H, W, 3 or 4) red first, integers as 0 to 1, and its colours' gamma.
+
+    The gamma is None for sRGB.
 
     Raises:
         InvalidInputError: It cannot be read, or has values that are not finite.
     """
-    is_exr = path.suffix.lower() == ".exr"
-    image, is_linear = (_exr_image(path), True) if is_exr else _plain_image(path)
+    image, gamma = (_exr_image(path), 1.0) if is_exr(path) else _plain_image(path)
     if not np.isfinite(image).all():
         raise InvalidInputError("folder", str(path), "a map of finite numbers")
-    return image, is_linear
+    return image, gamma
 
 
 def _exr_image(path: Path) -> Image:
@@ -149,7 +162,7 @@ def _one_layer(channels: Mapping[str, NDArray[Any]], path: Path) -> dict[str, ND
     return next(iter(layers.values()))
 
 
-def _plain_image(path: Path) -> tuple[Image, bool]:
+def _plain_image(path: Path) -> tuple[Image, float | None]:
     data = read_file(path, TEXTURE)
     image = decode_pixels(data, TEXTURE, str(path))
     if image.dtype not in (np.uint8, np.uint16, np.float32):
@@ -158,7 +171,7 @@ def _plain_image(path: Path) -> tuple[Image, bool]:
     is_float = image.dtype.kind == "f"
     scale = 1.0 if is_float else np.iinfo(image.dtype).max
     pixels = np.asarray(image / np.float32(scale), np.float32)
-    return _red_first(pixels), is_float or _is_linear(path, data)
+    return _red_first(pixels), 1.0 if is_float else gamma_of(data, str(path))
 
 
 def _red_first(image: Image) -> Image:
@@ -167,19 +180,3 @@ def _red_first(image: Image) -> Image:
     if image.shape[2] < 3:
         return np.repeat(image[..., :1], 3, axis=2)
     return image[..., (2, 1, 0, *range(3, image.shape[2]))]
-
-
-def _is_linear(path: Path, data: bytes) -> bool:
-    """Return whether a PNG says that its values are linear; warn of profiles that are not sRGB."""
-    from PIL import Image as Pillow
-
-    try:
-        with Pillow.open(io.BytesIO(data)) as file:
-            info: Mapping[Any, Any] = file.info
-    except (OSError, ValueError, Pillow.DecompressionBombError):
-        return False
-    profile = info.get("icc_profile") or b""
-    # Its description may be in UTF-16, with a zero between letters.
-    if profile and not _SRGB_PROFILES.search(profile.replace(b"\0", b"")):
-        LOG.warning("%s: its colour profile is not sRGB, and is not used: save it as sRGB", path)
-    return "srgb" not in info and not profile and info.get("gamma") == 1.0

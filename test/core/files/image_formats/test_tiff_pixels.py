@@ -86,9 +86,10 @@ def test_colours_are_those_of_the_file_in_each_layout(
     for predictor in predictors if is_compressed else (1,):
         options = {"predictor": predictor} if is_compressed else {}
         data = tiff(planes, photometric="RGB", **LAYOUTS[layout], **options)
-        pixels, is_linear = read_map(saved(tmp_path, data))
+        pixels, gamma = read_map(saved(tmp_path, data))
         assert np.array_equal(pixels, np.moveaxis(shares, 0, -1))
-        assert is_linear == (largest == 1)
+        is_linear = largest == 1
+        assert gamma == (1.0 if is_linear else None)
         colors, alpha = decode_texture(data, "a.tif")
         expected = as_bytes(srgb(shares) if is_linear else shares)
         assert np.array_equal(colors, expected)

@@ -126,3 +126,20 @@ def test_an_image_is_read_again_once_its_file_has_changed(tmp_path: Path) -> Non
     file.unlink()
     with pytest.raises(InvalidInputError, match=r"sky\.hdr.*still there"):
         images.load(config, (1,))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_invalid_pixels_are_told_and_many_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, value: float
+) -> None:
+    """A sky of nothing else was black, without a word."""
+    image = np.ones((16, 32), np.float32)
+    for bad in (5, 6, image.size):
+        image.ravel()[:bad] = value
+        write_channels(tmp_path / "sky.exr", dict.fromkeys("RGB", image))
+        if bad == 5:
+            read_radiance(tmp_path / "sky.exr")
+            assert "5 pixels are not finite" in caplog.text
+            continue
+        with pytest.raises(InvalidInputError, match=r"at most 1 % of the pixels"):
+            read_radiance(tmp_path / "sky.exr")
