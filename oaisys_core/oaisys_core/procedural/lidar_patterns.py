@@ -36,6 +36,7 @@ from oaisys_core.config.sections.sensing.lidars import (
 )
 from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.csv_tables import read_csv
+from oaisys_core.files.numbers import float_of, int_of
 from oaisys_core.scene import ScanPattern
 from oaisys_core.types import FloatArray
 
@@ -136,8 +137,8 @@ def _from_file(path: Path) -> ScanPattern:
 def _read(path: Path) -> tuple[FloatArray, FloatArray, NDArray[np.uint16]]:
     try:
         rows = read_csv(path, MAX_RAYS)
-        values = np.array([[float(row[name]) for name in CSV_COLUMNS] for row in rows])
-        rings = np.array([int(row.get("ring") or 0) for row in rows])
+        values = np.array([[float_of(row[name]) for name in CSV_COLUMNS] for row in rows])
+        rings = np.array([int_of(row.get("ring") or "0") for row in rows])
     except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         expected = f"a CSV file with numbers in the columns {', '.join(CSV_COLUMNS)}"
         raise ConfigError(f"{path}: expected {expected} ({quote(error)})") from error

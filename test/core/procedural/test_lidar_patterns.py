@@ -88,6 +88,8 @@ def test_rays_of_a_file_are_sorted_by_time(tmp_path: Path) -> None:
         "",
         "azimuth_deg,elevation_deg\n1,2\n",
         "azimuth_deg,elevation_deg,time_s\n1,x,0\n",
+        "azimuth_deg,elevation_deg,time_s\n1_0,2,0\n",
+        "azimuth_deg,elevation_deg,time_s,ring\n1,2,0,1_0\n",
         "azimuth_deg,elevation_deg,time_s\n1,2,-1\n",
         "azimuth_deg,elevation_deg,time_s\n1,nan,0\n",
     ],

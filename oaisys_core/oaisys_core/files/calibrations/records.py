@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.files.numbers import float_of
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, is_rigid, pose_from_matrix, transform
 from oaisys_core.types import FloatArray
 
@@ -162,7 +163,7 @@ def finite(values: Any, where: str, count: int | None = None) -> list[float]:
     """
     wanted = "finite numbers" if count is None else f"{count} finite numbers"
     try:
-        numbers = [float(value) for value in values]
+        numbers = [float_of(value) if isinstance(value, str) else float(value) for value in values]
     except (TypeError, ValueError) as error:
         raise InvalidInputError(where, values, wanted) from error
     if not np.isfinite(numbers).all() or count not in (None, len(numbers)):

@@ -38,6 +38,11 @@ ASSOCIATED_ALPHA, UNASSOCIATED_ALPHA = 1, 2
 """Meanings of an extra sample: with the first, colours are multiplied by opacity."""
 _NO_FRAME = (0xC4, 0xC8, 0xCC)
 """Markers among those of a JPEG's frames that are none: tables and extensions."""
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd8\xff]")
+"""What is in no pixels, which have a 0 behind each 255."""
+_JPEG_SCAN, _JPEG_END = b"\xff\xda", b"\xff\xd9"
+_MAX_SCANS = 100
+"""As in GDAL; encoders write some ten."""
 _PNM_GAP = rb"(?:\s|#[^\n]*\n)+"
 _PNM_SIZE = rb"P[1-6]" + _PNM_GAP + rb"(\d{1,9})" + _PNM_GAP + rb"(\d{1,9})"
 
@@ -217,7 +222,19 @@ def _jpeg(data: bytes) -> tuple[int, int]:
         place += length
     if len(sizes) != 1:
         raise ValueError(f"it has {len(sizes)} frames, not one")
+    _check_scans(data, place - 2)
     return sizes[0]
+
+
+def _check_scans(data: bytes, place: int) -> None:
+    """Raise if a JPEG has too many scans: each passes over all pixels, however short it is."""
+    scans = markers = 0
+    while (found := _JPEG_MARKER.search(data, place)) and found[0] != _JPEG_END:
+        markers += 1
+        scans += found[0] == _JPEG_SCAN
+        if scans > _MAX_SCANS or markers > _MAX_TAGS:
+            raise ValueError(f"it has more than {_MAX_SCANS} scans or {_MAX_TAGS} segments")
+        place = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
 
 
 def _tiff(data: bytes) -> tuple[int, int]:

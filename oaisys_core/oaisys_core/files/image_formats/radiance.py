@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import quote
+from oaisys_core.files.numbers import float_of
 
 _LONGEST_HEADER = 65_536
 _RUN = 1
@@ -60,7 +61,7 @@ def _primaries(head: bytes) -> tuple[float, ...]:
     if not texts:
         return ()
     try:
-        values = tuple(float(value) for value in texts[-1].split())
+        values = tuple(float_of(value) for value in texts[-1].split())
     except ValueError:
         values = ()
     if len(values) != 8:
@@ -73,7 +74,7 @@ def _radiance_factors(head: bytes) -> tuple[float, float, float]:
     product = [1.0, 1.0, 1.0]
     for name, text in re.findall(rb"\n(EXPOSURE|COLORCORR)=([^\n]*)", head):
         try:
-            values = [float(value) for value in text.split()]
+            values = [float_of(value) for value in text.split()]
         except ValueError:
             values = []
         if len(values) != (1 if name == b"EXPOSURE" else 3) or not all(map(_is_factor, values)):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from oaisys_core.errors import quote
+from oaisys_core.files.numbers import float_of
 
 _RANGES = {
     **dict.fromkeys((b"char", b"int8"), (-(2**7), 2**7 - 1)),
@@ -103,7 +104,7 @@ def _check_row(words: Sequence[bytes], element: _Element, line: int) -> None:
 
 def _number(word: bytes, line: int) -> float:
     try:
-        return float(word)
+        return float_of(word)
     except ValueError:
         shown = quote(word.decode("utf-8", errors="replace"))
         raise ValueError(f"numbers, not {shown}: line {line}") from None

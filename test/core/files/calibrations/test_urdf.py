@@ -320,6 +320,19 @@ def test_hostile_xml_is_refused(tmp_path: Path, text: str) -> None:
         read(text, tmp_path)
 
 
+@pytest.mark.parametrize("number", ["1_0", "１０", "0x10", "1,5"])
+def test_numbers_that_xml_does_not_have_are_refused(tmp_path: Path, number: str) -> None:
+    """XML Schema's double; Python's own numbers were read (1_0 as 10)."""
+    for old, new in (
+        ('xyz="0 0 0.2"', f'xyz="{number} 0 0"'),
+        ("<width>640<", f"<width>{number}<"),
+    ):
+        text = robot(on("head", CAMERA))
+        assert old in text
+        with pytest.raises(InvalidInputError, match=number):
+            read(text.replace(old, new), tmp_path)
+
+
 def test_a_camera_of_a_configuration_may_come_from_a_robot(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text(robot(on("head", CAMERA)))
     camera = {

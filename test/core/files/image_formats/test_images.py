@@ -236,6 +236,47 @@ def test_a_jpeg_with_two_frames_is_refused() -> None:
         image_size(twice)
 
 
+def jpeg_of_scans(count: int) -> bytes:
+    """A progressive JPEG of 4096 x 4096 grey pixels (ITU-T T.81), in which scans change nothing.
+
+    The tables have one code each: a difference of 0, and runs of 16,384 and more empty blocks.
+    """
+
+    def segment(marker: int, data: bytes) -> bytes:
+        return struct.pack(">BBH", 0xFF, marker, len(data) + 2) + data
+
+    side = 4096
+    one_code = bytes([1] + [0] * 15)
+    blocks = (side // 8) ** 2
+    runs = -(-blocks // (2**15 - 1))
+    bits = "0" + "1" * 14
+    empty = int((bits * runs).ljust(-(-15 * runs // 8) * 8, "1"), 2)
+    run_bytes = empty.to_bytes(-(-15 * runs // 8), "big").replace(b"\xff", b"\xff\0")
+    scan = segment(0xDA, bytes([1, 1, 0, 1, 63, 0])) + run_bytes
+    return b"".join(
+        [
+            b"\xff\xd8",
+            segment(0xDB, b"\0" + bytes([1] * 64)),
+            segment(0xC2, struct.pack(">BHHB", 8, side, side, 1) + bytes([1, 0x11, 0])),
+            segment(0xC4, b"\x00" + one_code + b"\0"),
+            segment(0xC4, b"\x10" + one_code + b"\xe0"),
+            segment(0xDA, bytes([1, 1, 0, 0, 0, 0])) + bytes(blocks // 8),
+            scan * (count - 1),
+            b"\xff\xd9",
+        ]
+    )
+
+
+def test_a_jpeg_of_many_scans_is_refused_before_it_is_decoded() -> None:
+    """One of 3,000 scans and 430 KB was decoded for a quarter of a minute."""
+    few = jpeg_of_scans(12)
+    assert image_size(few) == (4096, 4096)
+    assert (decode_pixels(few, TEXTURE, "a.jpg") == 128).all()
+    assert image_size(few + b"\xff\xda" * 500) == (4096, 4096), "what follows its end counts not"
+    with pytest.raises(ValueError, match="more than 100 scans"):
+        image_size(jpeg_of_scans(101))
+
+
 @pytest.mark.parametrize(
     "data",
     [

@@ -223,6 +223,7 @@ INCOMPLETE_PLY = {
     "an empty row": ([*ROWS[:2], "", *ROWS[2:]], "3 numbers in a row of .*, not 0: line 12"),
     "two rows in one line": ([" ".join(ROWS[:2]), *ROWS[2:]], "3 numbers .*, not 6: line 10"),
     "a word": (["x 0 0", *ROWS[1:]], "numbers, not 'x': line 10"),
+    "joined digits": (["1_0 0 0", *ROWS[1:]], "numbers, not '1_0': line 10"),
     "half an index": ([*ROWS[:5], "3 0 2.5 3"], "whole numbers from .* not 2.5: line 15"),
 }
 

@@ -10,6 +10,7 @@ from xml.parsers import expat
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import MAX_DEPTH
+from oaisys_core.files.numbers import float_of
 
 FIELD = "robot"
 MOST_ELEMENTS = 200_000
@@ -120,7 +121,7 @@ class XmlElement:
         """
         words = (self.text if text is None else text).split()
         try:
-            found = [float(word) for word in words]
+            found = [float_of(word) for word in words]
         except ValueError:
             found = [math.nan]
         if len(found) != count or not all(map(math.isfinite, found)):

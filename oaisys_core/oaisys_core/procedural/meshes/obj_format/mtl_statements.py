@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from oaisys_core.errors import quote
 from oaisys_core.files.documents import wide_encoding
+from oaisys_core.files.numbers import float_of
 from oaisys_core.procedural.meshes.obj_format.obj_statements import (
     file_name,
     logical_lines,
@@ -227,6 +228,6 @@ def _has_effect(key: bytes, words: Sequence[bytes]) -> bool:
 def _number(word: bytes) -> float:
     """Return a number; NaN if it is none."""
     try:
-        return float(word)
+        return float_of(word)
     except ValueError:
         return math.nan

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import quote
 from oaisys_core.files.mesh_formats.mesh_headers import MAX_VERTICES
+from oaisys_core.files.numbers import check_digits
 from oaisys_core.types import FloatArray
 
 ABSENT = -(2**62)
@@ -234,7 +235,9 @@ class ObjStatements:
         """Take the indices of a face's corners."""
         widths = {word.count(b"/") + 1 for word in words}
         width = widths.pop()
-        numbers = b" ".join(words).replace(b"/", b" ").split()
+        joined = b" ".join(words)
+        check_digits(joined)
+        numbers = joined.replace(b"/", b" ").split()
         if not widths and width <= 3 and len(numbers) == width * len(words):
             for kind, into in enumerate(self._corners):
                 absent = repeat(ABSENT, len(words))
@@ -267,6 +270,7 @@ def file_name(name: bytes) -> str:
 
 def _floats(words: Sequence[bytes]) -> list[float]:
     try:
+        check_digits(b"".join(words))
         return [float(word) for word in words]
     except ValueError:
         raise ValueError("numbers with decimal points") from None

@@ -112,7 +112,15 @@ def test_messages_about_names_in_other_encodings_can_be_shown(
     "line",
     [
         *(b"Kd 0,1 0,2 0,3", b"Kd spectral x.rfl 1", b"Kd xyz 0.1 0.2 0.3", b"Kd 204 26 51", b"Kd"),
-        *(b"Kd 0.1 0.2", b"Kd 0.1 0.2 0.3 0.4", b"Kd 0.1 0.2 nan", b"Kd -1 0 0", b"Kd 0.1 0.2 x"),
+        *(
+            b"Kd 0_1 0 0",
+            b"d 0_1",
+            b"Kd 0.1 0.2",
+            b"Kd 0.1 0.2 0.3 0.4",
+            b"Kd 0.1 0.2 nan",
+            b"Kd -1 0 0",
+            b"Kd 0.1 0.2 x",
+        ),
         *(b"d 0,5", b"d 255", b"d", b"d -1", b"d 0.5 0.5", b"Tr 0,5", b"Tr 100", b"Tr x"),
         *(b"map_Kd -s 2,5 1 1 a.png", b"map_Kd -o x a.png", b"map_Kd -s nan a.png"),
         *(b"map_Kd -clamp yes a.png", b"map_d -imfchan z a.png", b"map_Kd -o a.png"),
