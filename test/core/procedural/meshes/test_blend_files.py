@@ -174,7 +174,8 @@ def test_a_usd_file_that_refers_to_others_elsewhere_is_refused_by_name(
     (own / "world.usda").write_text(USD.format(**lines))
     with pytest.raises(InvalidInputError, match="in its own folder or in the asset roots") as error:
         load_mesh(own / "world.usda")
-    assert name in str(error.value)
+    # Of a long path, the beginning and the end are shown.
+    assert name.rpartition("/")[2] in str(error.value)
 
 
 @pytest.mark.blender
