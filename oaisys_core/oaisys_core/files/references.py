@@ -8,7 +8,7 @@ from contextvars import ContextVar
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.path_fields import asset_root_folders
 
 _allowed: ContextVar[tuple[Path, ...]] = ContextVar("allowed_folders", default=())
@@ -42,7 +42,7 @@ def outside_error(file: Path, name: str, field: str) -> InvalidInputError:
     """Return the error about a file that refers to another one elsewhere."""
     expected = (
         f"a file that refers only to files in its own folder or in the asset roots, not to"
-        f" {name[:80]!r}"
+        f" {quote(name)}"
     )
     return InvalidInputError(field, str(file), expected)
 
