@@ -34,7 +34,7 @@ def episode(environment: gymnasium.Env[Any, Any], seed: int, policy: Callable[[A
     [
         pytest.param("NextBestView", PlannerPolicy, 5, marks=pytest.mark.long),
         pytest.param("Coverage", BestWaypoint, 40, marks=pytest.mark.soak),
-        pytest.param("DriveToGoal", TurnToGoal, 60, marks=pytest.mark.long),
+        pytest.param("DriveToGoal", TurnToGoal, 60, marks=pytest.mark.soak),
     ],
 )
 def test_a_baseline_beats_random_actions(

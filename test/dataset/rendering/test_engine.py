@@ -290,7 +290,7 @@ def test_blender_lives_in_the_workers_of_ray(undisturbed_blender: UndisturbedRun
         assert all(comparison.is_equal for comparison in comparisons)
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.blender
 @pytest.mark.parametrize("chain", range(CHAINS))
 def test_kills_of_blender_s_workers_and_driver_lose_and_change_no_frame(

@@ -111,15 +111,14 @@ def test_clouds_are_those_of_the_dome_and_leave_the_light() -> None:
     cloudy = replace(clear, clouds=fair)
     up = camera(pose_looking_at((0, 0, 2), (-12, 0, 10)))
     level = camera(pose_looking_at((-19, 0, 3), (0, 0, 0.25)))
-    others = replace(cloudy, clouds=replace(fair, cover=0.5, seed=5))
-    skies = [clear, cloudy, others]
+    skies = [clear, cloudy]
     images = in_blender("environment.linear_views", flat_world(), [up, level], skies)
     rays, below = rays_of(up).reshape(-1, 3), rays_of(level)[..., 2] < -0.02
-    for sky, shown, on_ground in zip(skies[1:], images[2::2], images[3::2], strict=True):
-        expected = np.clip(sky_radiance(sky, rays), 0, 1).reshape(shown.shape)
-        assert 0.2 < (np.abs(shown - images[0]).max(axis=-1) > 0.02).mean() < 0.9
-        assert np.quantile(np.abs(shown - expected), 0.99) < 3 / 255
-        assert (on_ground[below] == images[1][below]).all()
+    blue, clear_ground, shown, cloudy_ground = images
+    expected = np.clip(sky_radiance(cloudy, rays), 0, 1).reshape(shown.shape)
+    assert 0.2 < (np.abs(shown - blue).max(axis=-1) > 0.02).mean() < 0.9
+    assert np.quantile(np.abs(shown - expected), 0.99) < 3 / 255
+    assert (cloudy_ground[below] == clear_ground[below]).all()
 
 
 @pytest.mark.long
