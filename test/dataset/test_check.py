@@ -100,6 +100,31 @@ def test_what_cannot_be_audited_is_said_and_does_not_fail(tmp_path: Path) -> Non
 
 
 @pytest.mark.long
+def test_objects_that_reach_over_the_edge_of_the_stage_pass(tmp_path: Path) -> None:
+    boxes = [
+        {"shape": "box", "size_m": [2.0, 2.0, 0.4], "position_m": [x, y, 0.0]}
+        for x, y in ((5.0, 0.0), (-5.0, 0.0), (0.0, 5.0), (0.0, -5.0))
+    ]
+    config = {
+        **SMALL,
+        "stage": {"preset": "plane", "extent_m": 10.0, "resolution_px": 33},
+        "assets": {"rocks": [], "primitives": boxes},
+        "sensors": {
+            "lidars": [
+                {
+                    "name": "roof",
+                    "scan": {"kind": "rotating", "channels": 32, "azimuth_steps": 180},
+                }
+            ],
+            "start_pose": {"position_m": [0.0, 0.0, 2.0]},
+        },
+    }
+    render_dataset(tmp_path / "set", {0: "train"}, 1, config)
+    report = check_dataset(tmp_path / "set", worlds_rebuilt=1)
+    assert report.findings == ()
+    assert report.points > 50
+
+
 def test_ground_that_is_finer_around_each_view_passes(tmp_path: Path) -> None:
     detail = {"radius_m": 6.0, "spacing_m": 0.05, "amplitude_m": 0.2}
     config = {**SMALL, "stage": {**SMALL["stage"], "detail": detail}}

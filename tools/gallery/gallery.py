@@ -22,7 +22,7 @@ from tools.gallery.look_book.book import render_look_book
 from tools.gallery.look_book.figures import marks
 from tools.gallery.look_book.rendering import LookPicture
 from tools.gallery.page import Entry, ViewImages, write_page, write_view_images
-from tools.gallery.scenes import Picture, pictures
+from tools.gallery.scenes import Picture, picture_names, pictures
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
 LOOK_BOOK = "look_book"
@@ -44,6 +44,8 @@ def main(
     The look book has `standard` quality.
     """
     logging.basicConfig(level=logging.WARNING)
+    if not any(only in name for name in (*picture_names(EXAMPLES), LOOK_BOOK, GEOMORPHOMETRY)):
+        raise typer.BadParameter(f"received {only!r}, expected a part of a name", param_hint="only")
     out.mkdir(parents=True, exist_ok=True)
     with own_stdout():
         failures = _render(out, only, quality, backend)

@@ -70,13 +70,22 @@ class Picture:
     views: tuple[StageViewpoint, ...]
 
 
+def picture_names(examples: Path) -> list[str]:
+    """Return the names of all worlds of the gallery."""
+    return [*sorted(file.stem for file in examples.glob("*.yaml")), *map(_texture_name, TEXTURES)]
+
+
+def _texture_name(texture: str) -> str:
+    return f"texture_{texture}"
+
+
 def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[Picture]:
     """Yield the worlds of the gallery whose names contain ``only``."""
-    for file in sorted(examples.glob(f"*{only}*.yaml")):
+    for file in sorted(file for file in examples.glob("*.yaml") if only in file.stem):
         config = adjust(load_config(file), backend=backend, quality=quality)
         group, _, name = file.stem.partition("_")
         yield Picture(group, name or group, _caption(file), config, _views(group, config))
-    for texture in sorted(name for name in TEXTURES if only in f"texture_{name}"):
+    for texture in sorted(name for name in TEXTURES if only in _texture_name(name)):
         yield Picture(
             TARGET_GROUP, texture, "", _texture_config(texture, backend, quality), (CLOSE,)
         )

@@ -18,16 +18,22 @@ POSE_TOLERANCE = 1e-6
 
 
 class WorldSurface:
-    """The surface of a world."""
+    """The surface of a world.
 
-    def __init__(self, mesh: TriangleMesh) -> None:
+    Args:
+        mesh: Ground and objects.
+        extent_m: (min_x, min_y, max_x, max_y) of the ground. Objects reach over its edge, beyond
+            which the land is not part of the mesh.
+    """
+
+    def __init__(self, mesh: TriangleMesh, extent_m: tuple[float, float, float, float]) -> None:
         import open3d as o3d
 
         from oaisys_core.raycast.open3d_bvh import open3d_scene
 
         self._scene = open3d_scene(mesh.vertices_m, mesh.triangles)
         self._tensor = o3d.core.Tensor
-        self._low_m, self._high_m = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+        self._low_m, self._high_m = np.reshape(extent_m, (2, 2))
 
     def stray(self, points_m: FloatArray, ranges_m: FloatArray) -> tuple[int, int]:
         """Return how many points can be judged, and how many of them are off the surface.
@@ -49,6 +55,6 @@ class WorldSurface:
         """Return (N,) distances of (N, 3) points; NaN beyond the stage, where no triangles are."""
         query = self._tensor(points_m.astype(np.float32))
         away_m = self._scene.compute_distance(query).numpy().astype(np.float64)
-        inside = (points_m[:, :2] > self._low_m[:2]) & (points_m[:, :2] < self._high_m[:2])
+        inside = (points_m[:, :2] > self._low_m) & (points_m[:, :2] < self._high_m)
         away_m[~inside.all(axis=1)] = np.nan
         return np.asarray(away_m)

@@ -117,7 +117,7 @@ class TruthCheck:
             is_same = changes == geometry and not self._differs_by_view()
             if surface is None or reference is None or not is_same:
                 geometry, mesh = changes, self._rebuilt(of_view[0])
-                surface = WorldSurface(mesh)
+                surface = WorldSurface(mesh, self._simulation.scene.ground.extent_m)
                 reference = ReferenceScene(self._simulation.scene, mesh)
             self._check_legend(world, legend, result)
             self._check_views(of_view, result)

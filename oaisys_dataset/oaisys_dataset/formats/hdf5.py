@@ -38,6 +38,7 @@ from oaisys_dataset.formats.base import (
     ExportOptions,
     FormatConventions,
 )
+from oaisys_dataset.formats.file_that_closes import FileThatCloses
 from oaisys_dataset.records import world_name
 
 if TYPE_CHECKING:
@@ -177,6 +178,7 @@ class _WorldFile:
         self._level = level
         self._next = dict.fromkeys(sizes, 0)
         self._file: h5py.File | None = None
+        self._bytes: FileThatCloses | None = None
         self._images: dict[str, set[str]] = {}
         self.missing = 0
 
@@ -184,8 +186,10 @@ class _WorldFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None:
+        if self._file is not None and self._bytes is not None:
             self._file.close()
+            self._bytes.close()
+            self._bytes.raise_fault()
 
     def add(self, sample: DatasetSample) -> None:
         """Write the next view of a sensor."""
@@ -206,6 +210,11 @@ class _WorldFile:
             rows = file[sensor][name].attrs
             rows["missing"] = np.append(rows["missing"], row)
             self.missing += 1
+        self._raise_fault()
+
+    def _raise_fault(self) -> None:
+        if self._bytes is not None:
+            self._bytes.raise_fault()
 
     def add_scans(self, dataset: Dataset, world: int) -> int:
         """Write the scans of all lidars, after the samples, and return their number."""
@@ -249,13 +258,15 @@ class _WorldFile:
         points.attrs["unit"], points.attrs["meaning"] = LIDAR["points"]
         for record, begin in zip(records, first.tolist(), strict=False):
             points[begin : begin + record.points.count] = dataset.scan(record).data
+            self._raise_fault()
 
     def _begin(self, record: FrameRecord) -> h5py.File:
         import h5py
 
         path = path_inside(self._target, record.split, f"{world_name(record.world)}.h5")
         path.parent.mkdir(exist_ok=True)
-        file = h5py.File(path, "w")
+        self._bytes = FileThatCloses(path)
+        file = h5py.File(self._bytes, "w")
         file.attrs["world"], file.attrs["split"] = record.world, record.split
         file.attrs["world_seed"] = np.uint64(record.world_seed)
         file.attrs["config_sha256"] = record.config_sha256
