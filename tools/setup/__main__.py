@@ -34,7 +34,7 @@ from tools.setup.programs import Display, Programs
 from tools.setup.steps import SetupStep, digest, run_stages
 from tools.setup.three import THREE_VERSION, install_three
 
-_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 _COMPILED = "oaisys_*/private/*.c"
 """In each package, what its ``setup.py`` compiles."""

@@ -30,7 +30,7 @@ def guard(folder: Path) -> None:
     """Wait for the end of standard input, then end the session's processes; remove its folder."""
     # Ctrl-C and the end of a terminal, or of a service, reach all its processes; the guard waits
     # for the driver, and then ends the others.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     with suppress(OSError):
         while sys.stdin.buffer.read(1):

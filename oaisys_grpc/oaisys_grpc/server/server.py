@@ -233,7 +233,7 @@ def serve(
     *,
     on_ready: Callable[[str], None],
 ) -> None:
-    """Serve until SIGINT, SIGTERM, SIGHUP or a client ends it; call on the main thread.
+    """Serve until SIGINT, SIGTERM, SIGHUP, SIGQUIT or a client ends it; call on the main thread.
 
     Calls under way may go on for a moment, unless a second signal comes. Signals are ignored
     afterwards, so that none interrupts the program on its way out.

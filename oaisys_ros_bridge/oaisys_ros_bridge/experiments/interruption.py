@@ -1,4 +1,4 @@
-"""Interrupts a long command by SIGINT, SIGTERM and SIGHUP, whatever the main thread is doing."""
+"""Interrupts a long command by the signals that end it, whatever the main thread is doing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _state = _Interruption()
 
 
 def interrupt_on_signals() -> None:
-    """Have SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in the main thread.
+    """Have the signals of `ENDING` raise `KeyboardInterrupt` in the main thread.
 
     A C library whose callback it is raised in prints and drops it; `raise_if_interrupted` raises it
     again. Further signals do not interrupt what the first one has ended in order, for `ORDER_S`.

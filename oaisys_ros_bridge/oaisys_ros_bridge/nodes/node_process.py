@@ -51,7 +51,7 @@ LOOK_UP_S = 0.2
 
 
 def stop_on_signals(stop: threading.Event) -> None:
-    """Set ``stop`` at SIGINT, SIGTERM and SIGHUP, on a thread of its own; for the main thread.
+    """Set ``stop`` at a signal that ends programs, on a thread of its own; for the main thread.
 
     A handler that sets an event deadlocks if its thread holds the event's lock. A `SimpleQueue` may
     be put to wherever a handler interrupts.

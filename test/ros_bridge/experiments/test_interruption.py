@@ -25,7 +25,7 @@ from oaisys_ros_bridge.experiments.interruption import (
 
 @pytest.fixture(autouse=True)
 def handlers() -> Iterator[None]:
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
     before = [signal.getsignal(number) for number in numbers]
     interrupt_on_signals()
     yield
@@ -35,7 +35,7 @@ def handlers() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_a_dropped_interruption_is_raised_again(number: signal.Signals) -> None:
     raise_if_interrupted()
     with pytest.raises(KeyboardInterrupt):
@@ -69,7 +69,7 @@ def test_a_second_signal_does_not_interrupt_what_the_first_one_ends() -> None:
     assert RECEIVED[-2:] == [signal.SIGHUP, signal.SIGINT]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_handlers_that_follow_look_at_what_was_dropped_before(number: signal.Signals) -> None:
     interrupt_at_signals()
     assert not has_dropped_interruption()

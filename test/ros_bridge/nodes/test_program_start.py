@@ -32,7 +32,7 @@ FULL = (
     '{ head -c 100000 /dev/zero > /dev/shm/filler 2> /dev/null; exec "$@"; }'
 )
 PRIVATE = ["unshare", "--mount", "--propagation", "private"]
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 @pytest.mark.parametrize(("start", "number"), list(zip(STARTS, cycle(SIGNALS), strict=False)))

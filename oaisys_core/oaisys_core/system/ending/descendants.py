@@ -2,8 +2,8 @@
 
 Run as a program, ``python descendants.py OWNER COMMAND...``, this file starts a command and waits
 for it. At the end of the command, or of its owner, it kills what is left of all that the command
-has started: orphans become its own children. SIGTERM ends them all at once; SIGINT, SIGHUP and
-SIGABRT go to the command. It imports nothing of ours, so that this takes no time.
+has started: orphans become its own children. SIGTERM ends them all at once; SIGINT, SIGHUP,
+SIGQUIT and SIGABRT go to the command. It imports nothing of ours, so that this takes no time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NoReturn
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
-_PASSED_ON = frozenset({signal.SIGINT, signal.SIGHUP, signal.SIGABRT})
+_PASSED_ON = frozenset({signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT})
 _WAITED_FOR = _PASSED_ON | {signal.SIGTERM, signal.SIGCHLD}
 
 

@@ -1,4 +1,4 @@
-"""How a command ends at SIGINT, SIGTERM and SIGHUP: quickly, with one exit code, nothing left.
+"""How a command ends at SIGINT, SIGTERM, SIGHUP and SIGQUIT: quickly, one exit code, nothing left.
 
 Python's way, an exception in the main thread, cannot promise that: Ray, Blender and others replace
 handlers, crash where one is called within them, or drop the exception. So the work is done in a
@@ -19,7 +19,8 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Signals that end a program; Ctrl-C sends the first one, and Ctrl-\\ the last."""
 
 RECEIVED: list[int] = []
 """The signals that have interrupted this process, the first of which is its exit code."""
@@ -161,7 +162,7 @@ def _write_end(command: str, how: str) -> None:
 
 
 def end_service_at_signals(handler: Callable[[int, FrameType | None], object] | int) -> None:
-    """Have SIGINT, SIGTERM and SIGHUP call a handler of a server or node.
+    """Have the signals of `ENDING` call a handler of a server or node.
 
     SIGHUP stays ignored under ``nohup``. SIGINT does not, although shells have their background
     jobs ignore it: a service is ended by it wherever it runs.

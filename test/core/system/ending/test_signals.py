@@ -20,7 +20,7 @@ from waiting import PATIENCE_S, SHUTDOWN_S, START_PATIENCE_S, wait_until, within
 from oaisys_core.system.ending.leftovers import Leftovers
 
 MARK = "OAISYS_TEST_SIGNALS"
-ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 CONFIG = """\
 backend: analytic

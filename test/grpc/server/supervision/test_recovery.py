@@ -86,6 +86,7 @@ def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> No
         pytest.param([signal.SIGTERM, signal.SIGINT], marks=pytest.mark.long),
         pytest.param([signal.SIGINT], marks=pytest.mark.soak),
         pytest.param([signal.SIGHUP] * 2, marks=pytest.mark.soak),
+        pytest.param([signal.SIGQUIT], marks=pytest.mark.soak),
     ],
 )
 def test_signals_end_everything_quietly_even_while_it_renders(
