@@ -9,6 +9,7 @@ from pathlib import Path
 import grpc
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import MAX_TEXT_BYTES, DocumentError, read_bytes
 from oaisys_core.files.folders import user_path
 
 
@@ -102,6 +103,7 @@ def client_tls(
 def _pair(cert: Path, key: Path, cert_field: str, key_field: str) -> tuple[bytes, bytes]:
     """Return a private key and its certificate, checked, because gRPC does not check them."""
     chain, private = _read(cert, cert_field), _read(key, key_field)
+    _require_certificates(cert, cert_field, "a certificate in PEM")
     try:
         # Without a password, OpenSSL would ask for one on the terminal.
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password="")
@@ -113,16 +115,20 @@ def _pair(cert: Path, key: Path, cert_field: str, key_field: str) -> tuple[bytes
 
 def _authority(path: Path, field: str) -> bytes:
     data = _read(path, field)
+    _require_certificates(path, field, "certificates of authorities in PEM")
+    return data
+
+
+def _require_certificates(path: Path, field: str, expected: str) -> None:
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(path)
     except (OSError, ValueError) as error:
-        raise InvalidInputError(field, str(path), "certificates of authorities in PEM") from error
-    return data
+        raise InvalidInputError(field, str(path), expected) from error
 
 
 def _read(path: Path, field: str) -> bytes:
     try:
-        return path.read_bytes()
-    except OSError as error:
-        expected = f"a readable file ({error.strerror or error})"
+        return read_bytes(path, MAX_TEXT_BYTES)
+    except (OSError, DocumentError) as error:
+        expected = f"a readable file ({getattr(error, 'strerror', None) or error})"
         raise InvalidInputError(field, str(path), expected) from error

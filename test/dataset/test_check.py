@@ -99,7 +99,6 @@ def test_what_cannot_be_audited_is_said_and_does_not_fail(tmp_path: Path) -> Non
     assert any("wide is a fisheye" in note for note in report.notes)
 
 
-@pytest.mark.long
 def test_objects_that_reach_over_the_edge_of_the_stage_pass(tmp_path: Path) -> None:
     boxes = [
         {"shape": "box", "size_m": [2.0, 2.0, 0.4], "position_m": [x, y, 0.0]}
@@ -125,6 +124,7 @@ def test_objects_that_reach_over_the_edge_of_the_stage_pass(tmp_path: Path) -> N
     assert report.points > 50
 
 
+@pytest.mark.long
 def test_ground_that_is_finer_around_each_view_passes(tmp_path: Path) -> None:
     detail = {"radius_m": 6.0, "spacing_m": 0.05, "amplitude_m": 0.2}
     config = {**SMALL, "stage": {**SMALL["stage"], "detail": detail}}

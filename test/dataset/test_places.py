@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -190,6 +191,29 @@ def test_folders_of_writers_of_other_files_in_a_data_set_are_left_alone(tmp_path
     folder.mkdir()
     assert open_place(tmp_path).delete_parts() == 0
     assert folder.is_dir()
+
+
+@pytest.mark.parametrize("name", ["dataset.json", "shards/world_000000.tar"])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_pipe_or_device_in_a_folder_is_refused(tmp_path: Path, name: str, kind: str) -> None:
+    write_dataset(tmp_path / "set", {0: "train"})
+    path = tmp_path / "set" / name
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    command = [sys.executable, "-P", "-m", "oaisys_core", "dataset", "export", "--format", "coco"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "out"), str(tmp_path / "set")],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert f"{name}', expected a readable file (it is not a regular file)" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_unknown_kind_of_url_is_refused() -> None:

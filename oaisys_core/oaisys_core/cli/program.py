@@ -6,19 +6,24 @@ import sys
 
 from oaisys_core.system.ending.signals import exit_at_signals
 
+_WITHOUT_FOLDER = {"--help", "--version", "doctor"}
+"""Words of a command line that needs no current folder."""
+
 
 def main() -> None:
     """Run the command line and exit, see `oaisys_core.cli.main`."""
     exit_at_signals()
     from oaisys_core.errors import ShortageError
     from oaisys_core.system.ending.owner import follow_owner
-    from oaisys_core.system.shortages import check_address_space
+    from oaisys_core.system.shortages import check_address_space, check_current_folder
     from oaisys_core.system.standard_streams import open_standard_streams
 
     follow_owner()
     open_standard_streams()
     try:
         check_address_space()
+        if not _WITHOUT_FOLDER & {*sys.argv[1:]}:
+            check_current_folder()
     except ShortageError as error:
         sys.exit(f"oaisys: {error}")
     try:

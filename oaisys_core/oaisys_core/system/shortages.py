@@ -1,9 +1,10 @@
-"""Errors that mean that this process may not have more memory, threads or files."""
+"""Errors that mean that this process lacks memory, threads, files or a current folder."""
 
 from __future__ import annotations
 
 import errno
 import resource
+from pathlib import Path
 
 from oaisys_core.errors import ShortageError
 
@@ -60,3 +61,19 @@ def check_address_space() -> None:
             f"this process may have {limit} bytes of address space, and it needs"
             f" {MIN_ADDRESS_SPACE}: ulimit -v"
         )
+
+
+def check_current_folder() -> None:
+    """Raise if the current folder has been removed.
+
+    Open3D's libraries look for each other from there. Without it some exit, and others then wait
+    for ever.
+
+    Raises:
+        ShortageError: It has been removed.
+    """
+    try:
+        Path.cwd()
+    except OSError as error:
+        text = "the current folder has been removed: change to one that exists"
+        raise ShortageError(text) from error

@@ -11,11 +11,15 @@ from pathlib import Path
 from typing import IO
 
 from oaisys_core.errors import RenderError
+from oaisys_core.files.documents import open_regular
 from oaisys_core.system.ending.leftovers import remove_when_killed
 from oaisys_dataset.places.reading import require_found
 
 PART = ".part"
 """End of the names of files that are being written; they begin with a dot."""
+
+MAX_FILE_BYTES = 2**62
+"""More than any file has; what is read of it is bounded by who reads."""
 
 
 class LocalPlace:
@@ -46,7 +50,8 @@ class LocalPlace:
 
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `StoragePlace.read`."""
-        with require_found(self.url, name), (self._root / name).open("rb") as file:
+        path = self._root / name
+        with require_found(self.url, name), open_regular(path, MAX_FILE_BYTES) as file:
             # A size from a manifest may be anything; `read` would take memory for all of it.
             left = max(0, os.fstat(file.fileno()).st_size - offset)
             file.seek(offset)

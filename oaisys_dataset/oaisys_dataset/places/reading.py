@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.files.documents import DocumentError
 
 
 @contextmanager
@@ -15,5 +16,5 @@ def require_found(url: str, name: str) -> Iterator[None]:
         yield
     except (FileNotFoundError, NotADirectoryError) as error:
         raise NotFoundError(f"{url}/{name}: does not exist") from error
-    except OSError as error:
+    except (OSError, DocumentError) as error:
         raise InvalidInputError("file", f"{url}/{name}", f"a readable file ({error})") from error

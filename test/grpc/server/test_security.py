@@ -148,7 +148,8 @@ def test_keys_are_checked_before_anything_is_opened(tmp_path: Path) -> None:
     cert, key = authority.pair("one")
     _, other_key = authority.pair("two")
     (tmp_path / "text").write_text("no certificate: hunter2")
-    missing = tmp_path / "missing"
+    missing, pipe = tmp_path / "missing", tmp_path / "pipe"
+    os.mkfifo(pipe)
     said = serve_in_vain(tmp_path, "--tls-cert", str(cert), "--tls-key", str(tmp_path / "text"))
     assert "--tls-key" in said
     assert "hunter2" not in said
@@ -159,6 +160,11 @@ def test_keys_are_checked_before_anything_is_opened(tmp_path: Path) -> None:
         (ServerTls(cert, other_key), "--tls-key"),
         (ServerTls(cert, missing), "--tls-key"),
         (ServerTls(missing, key), "--tls-cert"),
+        (ServerTls(tmp_path / "text", key), "--tls-cert"),
+        (ServerTls(key, key), "--tls-cert"),
+        (ServerTls(cert, pipe), "--tls-key"),
+        (ServerTls(cert, Path("/dev/zero")), "--tls-key"),
+        (ServerTls(cert, key, pipe), "--tls-client-ca"),
         (ServerTls(cert, key, tmp_path / "text"), "--tls-client-ca"),
     ):
         with pytest.raises(InvalidInputError) as refused:
