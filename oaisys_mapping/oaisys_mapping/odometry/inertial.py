@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import io
 import json
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import FloatArray
-from oaisys_mapping.odometry.programs import ProgramError, run_program
+from oaisys_mapping.odometry.programs import ProgramError, program_folder, run_program
 from oaisys_mapping.odometry.trajectories import TimedTransforms
 
 GTSAM = "gtsam"
@@ -71,10 +71,11 @@ def preintegrate(
     """
     if importlib.util.find_spec(GTSAM) is None:
         raise ProgramError(f"{GTSAM} is not installed")
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "imu.npz")
+    with program_folder() as folder:
+        # In memory first: a ZIP file whose disk is full complains once more when it is forgotten.
+        packed = io.BytesIO()
         np.savez(
-            file,
+            packed,
             measurements=measurements,
             times_s=truth.times_s,
             T=truth.T,
@@ -82,8 +83,10 @@ def preintegrate(
             T_base_imu=np.asarray(T_base_imu),
             gravity_m_s2=gravity_m_s2,
         )
+        file = folder / "imu.npz"
+        file.write_bytes(packed.getbuffer())
         command = python_command(__name__, str(file))
-        return ImuFigures(**json.loads(run_program(command, Path(folder))))
+        return ImuFigures(**json.loads(run_program(command, folder)))
 
 
 class _Motion:

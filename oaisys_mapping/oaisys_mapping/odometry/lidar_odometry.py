@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from oaisys_mapping.odometry.programs import ProgramError, program, run_program
+from oaisys_mapping.odometry.programs import ProgramError, program, program_folder, run_program
 from oaisys_mapping.odometry.trajectories import (
     TimedTransforms,
     ape_rmse,
@@ -55,8 +54,7 @@ def kiss_icp(bag: Path, topic: str, *, max_range_m: float, deskew: bool = True) 
     executable = program(KISS_ICP)
     if executable is None:
         raise ProgramError(f"{KISS_ICP} is not installed")
-    with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder)
+    with program_folder() as home:
         variables = {
             "kiss_icp_out_dir": str(home / "results"),
             "kiss_icp_data": json.dumps({"max_range": max_range_m, "deskew": deskew}),
@@ -89,8 +87,8 @@ def judge(
     known = (times_s >= truth.times_s[0]) & (times_s <= truth.times_s[-1])
     found = TimedTransforms(times_s[known], estimate.T[known])
     reference = true_lidar.at(found.times_s)
-    with tempfile.TemporaryDirectory() as folder:
-        reference_file, estimate_file = Path(folder, "truth.tum"), Path(folder, "estimate.tum")
+    with program_folder() as folder:
+        reference_file, estimate_file = folder / "truth.tum", folder / "estimate.tum"
         reference.write_tum(reference_file)
         found.write_tum(estimate_file)
         way_m = reference.way_m()

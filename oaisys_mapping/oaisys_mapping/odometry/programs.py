@@ -5,7 +5,9 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from oaisys_core.errors import OaisysError
@@ -28,6 +30,22 @@ def program(name: str) -> Path | None:
         return beside
     found = shutil.which(name)
     return None if found is None else Path(found)
+
+
+@contextmanager
+def program_folder() -> Iterator[Path]:
+    """Yield a temporary folder for the files of programs.
+
+    Raises:
+        ProgramError: It cannot be made or written to, as on a full disk.
+    """
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder)
+    except OSError as error:
+        where = f": {error.filename}" if error.filename else ""
+        text = f"its temporary files could not be written ({error.strerror or error}{where})"
+        raise ProgramError(text) from error
 
 
 def run_program(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 import zipfile
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from oaisys_core.types import FloatArray, ShortRepr
-from oaisys_mapping.odometry.programs import ProgramError, program, run_program
+from oaisys_mapping.odometry.programs import ProgramError, program, program_folder, run_program
 
 SEGMENT_M = 100.0
 """Length of the segments over which drift is measured, if the way is twice as long."""
@@ -127,8 +126,7 @@ def _evo(
     executable = program(name)
     if executable is None:
         raise ProgramError(f"{name} is not installed")
-    with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder)
+    with program_folder() as home:
         results = home / "results.zip"
         files = [reference.absolute(), estimate.absolute()]
         what = ["-r", relation, "--save_results", results, "--no_warnings"]
