@@ -26,7 +26,7 @@ from oaisys_dataset.shards import HEAD
 CONFIG = """
 seed: 3
 backend: analytic
-stage: {surroundings: plain, preset: mounds, extent_m: 30.0, resolution_px: 65}
+stage: {preset: mounds, extent_m: 30.0, resolution_px: 65}
 materials: {texture_size_px: 64, mask: {size_px: 64, relief: 0}}
 assets: {rocks: [{kind: angular, count: [2, 9], size_m: [0.3, 1.0]}]}
 sensors:
@@ -114,7 +114,7 @@ def run_with_kill(
             os.kill(found[0], signal.SIGKILL)
             is_killed = True
             break
-        time.sleep(0.05)
+        time.sleep(0.01)
     output, errors = driver.communicate(timeout=TIMEOUT_S)
     return KilledRun(is_killed, driver.returncode, errors, output)
 
