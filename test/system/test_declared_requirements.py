@@ -13,7 +13,13 @@ from packaging.utils import canonicalize_name
 from repository import REPOSITORY
 
 FOLDER = REPOSITORY / "oaisys_core"
-BROUGHT = {"affine": "rasterio", "cycles": "bpy", "mathutils": "bpy", "pydantic_core": "pydantic"}
+BROUGHT = {
+    "affine": "rasterio",
+    "cycles": "bpy",
+    "mathutils": "bpy",
+    "pxr": "bpy",
+    "pydantic_core": "pydantic",
+}
 """Modules that always come with a declared package."""
 
 OPTIONAL = {"backports", "compression"}
