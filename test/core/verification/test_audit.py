@@ -39,6 +39,8 @@ WORLD: dict[str, Any] = {
     },
 }
 
+ON_PLAIN: dict[str, Any] = {**WORLD, "stage": {**WORLD["stage"], "surroundings": "plain"}}
+
 FEW_ROCKS = {"rocks": [{"kind": "angular", "count": [60, 60], "variants": 4}]}
 
 SAMPLED_PX = WINDOWS * (WINDOW_PX - 2) ** 2
@@ -76,8 +78,7 @@ def test_every_kind_of_terrain_is_right_off_edges(preset: str) -> None:
 
 @pytest.fixture(scope="module")
 def one_view() -> tuple[Sample, ReferenceScene]:
-    stage = {**WORLD["stage"], "surroundings": "plain"}
-    config = config_from_mapping({**WORLD, "stage": stage, "assets": FEW_ROCKS})
+    config = config_from_mapping({**ON_PLAIN, "assets": FEW_ROCKS})
     simulation = Simulation(config)
     simulation.step_batch()
     return simulation.step_sample(), ReferenceScene(
@@ -167,7 +168,7 @@ def test_rays_meet_the_triangles_that_solving_for_each_finds() -> None:
 
 def test_the_command_writes_figures_and_keeps_to_its_limit(tmp_path: Path) -> None:
     config = tmp_path / "world.yaml"
-    config.write_text(json.dumps({**WORLD, "assets": FEW_ROCKS}))
+    config.write_text(json.dumps({**ON_PLAIN, "assets": FEW_ROCKS}))
     arguments = ["audit", "--config", str(config), "--views", "2", "--out"]
 
     passed = CliRunner().invoke(app, [*arguments, str(tmp_path / "audit.json")])
@@ -196,7 +197,7 @@ def test_an_audit_that_compares_nothing_is_refused(
     (given,) = WORLD["sensors"]["cameras"]
     config = tmp_path / "world.yaml"
     sensors = {"cameras": [{**given, **camera}]}
-    config.write_text(json.dumps({**WORLD, "sensors": sensors, "render": render}))
+    config.write_text(json.dumps({**ON_PLAIN, "sensors": sensors, "render": render}))
     refused = oaisys_here("audit", "--config", config, "--views", "1", *options)
     assert refused.returncode == 2, refused.stdout
     assert expected in " ".join(refused.stderr.split())

@@ -146,17 +146,16 @@ def test_a_reader_can_open_nothing_elsewhere(tmp_path: Path) -> None:
 
 @pytest.mark.blender
 @pytest.mark.parametrize(
-    "line",
+    ("line", "name"),
     [
-        "references = @{}@</own>",
-        "payload = @{}@</own>",
-        "subLayers = [@{}@]",
-        "clips = {{ dictionary default = {{ asset[] assetPaths = [@{}@] }} }}",
-        "references = @between.usda@</own>",
+        ("references = @{}@</own>", "../other.usda"),
+        ("references = @{}@</own>", "{top}/other.usda"),
+        ("references = @{}@</own>", "link.usda"),
+        ("references = @between.usda@</own>", "http://h/o.usda"),
+        ("payload = @{}@</own>", "../other.usda"),
+        ("subLayers = [@{}@]", "{top}/other.usda"),
+        ("clips = {{ dictionary default = {{ asset[] assetPaths = [@{}@] }} }}", "link.usda"),
     ],
-)
-@pytest.mark.parametrize(
-    "name", ["../other.usda", "{top}/other.usda", "link.usda", "http://h/o.usda"]
 )
 def test_a_usd_file_that_refers_to_others_elsewhere_is_refused_by_name(
     tmp_path: Path, line: str, name: str
