@@ -53,10 +53,10 @@ wheels: setup ## Build the wheels of all packages: out/wheels
 bench: setup ## Measure everything: out/bench/bench.md (five hours the first time; BENCH_ARGS='--only transfer', --quick)
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
-test: setup ## Run the tests but for the long ones (about 14 minutes on two cores)
+test: setup ## Run the tests but for the long ones (about 10 minutes on two cores)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not long and not soak'
 
-test-full: setup ## Run the long tests: every example, faults, both sizes of survey (about 35 minutes)
+test-full: setup ## Run the long tests: every example, faults, both sizes of survey (about 17 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m long
 
 soak: setup ## Run what repeats other tests for long: 10,000 requests, kills again and again, further presets, memory (half an hour or more)
