@@ -88,20 +88,22 @@ def _lock_of_the_dead(folder: Path, wait_s: float) -> Iterator[None]:
         raise PermissionError(folder)
     lock = os.open(folder / _OWNED, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
-        end_s = time.monotonic() + wait_s
-        while not _try_lock(lock, is_last=time.monotonic() >= end_s):
-            time.sleep(LOOK_S)
+        _lock_within(lock, wait_s)
         yield
     finally:
         os.close(lock)
 
 
-def _try_lock(file: int, *, is_last: bool) -> bool:
-    """Lock a file and return True; where another process has it, return False, or raise at last."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        if is_last:
-            raise
-        return False
-    return True
+def _lock_within(file: int, wait_s: float) -> None:
+    """Lock a file, or raise `BlockingIOError` where another process still has it after a time."""
+    end_s = time.monotonic() + wait_s
+    while True:
+        is_last = time.monotonic() >= end_s
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if is_last:
+                raise
+        else:
+            return
+        time.sleep(LOOK_S)

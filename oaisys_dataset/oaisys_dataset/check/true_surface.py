@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_core.types import Extent, FloatArray, TriangleMesh
 
 LARGEST_STRAY_SHARE = 5e-3
 """Of random points of a frame or scan: those on tessellated solids are a little off their
@@ -26,7 +26,7 @@ class WorldSurface:
             which the land is not part of the mesh.
     """
 
-    def __init__(self, mesh: TriangleMesh, extent_m: tuple[float, float, float, float]) -> None:
+    def __init__(self, mesh: TriangleMesh, extent_m: Extent) -> None:
         import open3d as o3d
 
         from oaisys_core.raycast.open3d_bvh import open3d_scene

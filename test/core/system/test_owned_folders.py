@@ -12,24 +12,28 @@ from waiting import PATIENCE_S
 
 from oaisys_core.system.owned_folders import OwnedFolder, remove_abandoned, remove_if_abandoned
 
+OWN = """
+import os, sys
+from pathlib import Path
+from oaisys_core.system.owned_folders import OwnedFolder
+own = OwnedFolder("a-", Path(sys.argv[1]))
+print(own.path, flush=True)
+sys.stdin.read()
+os._exit(0)
+"""
+"""Makes a folder, names it, and ends without its removal once standard input ends."""
+
 
 def leave(folder: Path) -> Path:
     """Have another process make a folder, and end."""
-    code = "import os, sys; from pathlib import Path; "
-    code += "from oaisys_core.system.owned_folders import OwnedFolder; "
-    code += "sys.stdout.write(str(OwnedFolder('a-', Path(sys.argv[1])).path)); "
-    code += "sys.stdout.flush(); os._exit(0)"
-    command = [sys.executable, "-c", code, str(folder)]
-    return Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    command = [sys.executable, "-c", OWN, str(folder)]
+    made = subprocess.run(command, input="", capture_output=True, text=True, check=True)
+    return Path(made.stdout.rstrip())
 
 
 def test_the_end_of_an_owner_that_is_under_way_is_waited_for(tmp_path: Path) -> None:
     """A server ended with its killed owner while a thread of that still held the lock."""
-    code = "import os, sys; from pathlib import Path; "
-    code += "from oaisys_core.system.owned_folders import OwnedFolder; "
-    code += "own = OwnedFolder('a-', Path(sys.argv[1])); print(own.path, flush=True); "
-    code += "sys.stdin.read(); os._exit(0)"
-    command = [sys.executable, "-c", code, str(tmp_path)]
+    command = [sys.executable, "-c", OWN, str(tmp_path)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(command, text=True, **pipes) as owner:  # type: ignore[call-overload]
         folder = Path(owner.stdout.readline().rstrip())

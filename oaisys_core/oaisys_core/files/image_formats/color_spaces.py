@@ -6,14 +6,14 @@ import io
 import logging
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.image_headers import is_png
+from oaisys_core.files.image_formats.image_headers import is_png, png_chunks
 from oaisys_core.files.image_formats.images import ImageUse
 
 LOG = logging.getLogger(__name__)
@@ -68,7 +68,7 @@ def gamma_of(data: bytes, name: str) -> float | None:
         data: The file; all but PNG have sRGB's.
         name: Of the file in warnings.
     """
-    chunks = dict(_png_chunks(data)) if is_png(data) else {}
+    chunks = {name: content for name, content, _ in png_chunks(data)} if is_png(data) else {}
     if (codes := chunks.get(b"cICP")) is not None:
         if len(codes) == 4 and codes[0] == _BT709 and codes[1] in (_LINEAR, _SRGB):
             return 1.0 if codes[1] == _LINEAR else None
@@ -109,14 +109,3 @@ def _profile(data: bytes) -> bytes:
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return b""
     return info.get("icc_profile") or b""
-
-
-def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield names and contents of the chunks before a PNG file's pixels."""
-    place = 8
-    while place + 8 <= len(data):
-        length, name = struct.unpack_from(">I4s", data, place)
-        if name == b"IDAT":
-            return
-        yield name, data[place + 8 : place + 8 + length]
-        place += 12 + length

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import ceil
 from typing import NamedTuple
 
@@ -113,19 +113,26 @@ def png_transparent(data: bytes) -> tuple[int, ...] | None:
     """
     bits, kind = data[24:26]
     count = {0: 1, 2: 3}.get(kind)
+    for name, content, checksum in png_chunks(data):
+        if name == b"tRNS" and count is not None:
+            is_whole = struct.pack(">I", zlib.crc32(name + content)) == checksum
+            if len(content) != 2 * count or not is_whole:
+                raise ValueError("its transparent value (tRNS) is damaged")
+            values = struct.unpack(f">{count}H", content)
+            return tuple(value & (2**bits - 1) for value in values)
+    return None
+
+
+def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes, bytes]]:
+    """Yield names, contents and checksums of the chunks before a PNG file's pixels."""
     place = 8
-    while count is not None and place + 8 <= len(data):
+    while place + 8 <= len(data):
         length, name = struct.unpack_from(">I4s", data, place)
         if name == b"IDAT":
-            break
-        if name == b"tRNS":
-            chunk = data[place + 4 : place + 12 + length]
-            if length != 2 * count or struct.pack(">I", zlib.crc32(chunk[:-4])) != chunk[-4:]:
-                raise ValueError("its transparent value (tRNS) is damaged")
-            values = struct.unpack(f">{count}H", chunk[4:-4])
-            return tuple(value & (2**bits - 1) for value in values)
-        place += 12 + length
-    return None
+            return
+        end = place + 8 + length
+        yield name, data[place + 8 : end], data[end : end + 4]
+        place = end + 4
 
 
 def is_png(data: bytes) -> bool:
