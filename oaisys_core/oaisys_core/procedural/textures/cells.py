@@ -7,10 +7,12 @@ are given as images of cell ids, so that cells may be warped or cut by others.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import fields
+from oaisys_core.types import FloatArray
 
 Ids = NDArray[np.int64]
 
@@ -37,19 +39,12 @@ def voronoi(
     x, y = fields.unit_grid(size_px, cells)
     if warp:
         x, y = fields.warp(x, y, cells, rng, warp, smooth)
-    offset = (0.5 + rng.uniform(-jitter, jitter, (2, cells * cells))).astype(np.float32)
-    nearest = np.full(x.shape, np.inf, np.float32)
-    ids = np.zeros(x.shape, np.int64)
-    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    for d_row in (-1, 0, 1):
-        for d_column in (-1, 0, 1):
-            c, r = column + d_column, row + d_row
-            number = (r % cells) * cells + c % cells
-            distance = np.hypot(x - c - offset[0][number], y - r - offset[1][number])
-            closer = distance < nearest
-            nearest[closer] = distance[closer]
-            ids[closer] = number[closer]
-    return ids
+    number = np.arange(cells * cells)
+    offset = 0.5 + rng.uniform(-jitter, jitter, (2, cells * cells))
+    centres = np.stack((number % cells, number // cells), axis=1) + offset.T
+    points = np.stack((x.ravel(), y.ravel()), axis=1) % cells
+    nearest = scipy.spatial.cKDTree(centres % cells, boxsize=cells).query(points)[1]
+    return np.asarray(nearest.reshape(x.shape), np.int64)
 
 
 def intersect(first: Ids, second: Ids) -> Ids:
@@ -109,14 +104,26 @@ def from_centre(ids: Ids, every: int = 1) -> tuple[Field, Field]:
     return away[0], away[1]
 
 
-def facet_heights(ids: Ids, rng: np.random.Generator) -> Field:
+def facet_heights(
+    ids: Ids, rng: np.random.Generator, leans: FloatArray | None = None, spread: float = 0.5
+) -> Field:
     """Return (N, N) heights of one tilted plane per cell, 0 at its centre.
 
-    Slopes are normally distributed with standard deviation 1 along each axis.
+    Slopes are normally distributed with standard deviation 1 along each axis, or around ``leans``.
+
+    Args:
+        ids: (N, N) cell ids.
+        rng: Draws the slopes.
+        leans: (K, 2) slopes along x and y, one of which each plane has but for ``spread``.
+        spread: Standard deviation of slopes around those of ``leans``.
     """
-    slope = rng.standard_normal((2, int(ids.max()) + 1)).astype(np.float32)
+    count = int(ids.max()) + 1
+    slope = rng.standard_normal((2, count))
+    if leans is not None:
+        slope = leans[rng.integers(0, len(leans), count)].T + spread * slope
     x, y = from_centre(ids)
-    return np.asarray(slope[0][ids] * x + slope[1][ids] * y, np.float32)
+    along, across = slope.astype(np.float32)
+    return np.asarray(along[ids] * x + across[ids] * y, np.float32)
 
 
 def joint_blocks(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend: float) -> Ids:

@@ -1,32 +1,110 @@
-"""Recipes of bare rock: weathered faces, layered pavements, ropy lava."""
+"""Recipes of bare rock: broken and weathered faces, ropy lava."""
 
 from __future__ import annotations
 
-import numpy as np
+from functools import partial
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import cells, fields
+from oaisys_core.procedural.textures.baking.ground import (
+    all_at_half,
+    fine_noises,
+    swell,
+    wide_blur,
+)
 from oaisys_core.procedural.textures.recipes.finish import (
+    BAKED_PX,
     Color,
+    Make,
     Recipe,
     TextureMaps,
     blend,
-    darken_hollows,
-    dusty,
     finish_maps,
     smoothstep,
     tint,
 )
+from oaisys_core.types import FloatArray
+
+ROCK_M, BASALT_M, BEDROCK_M = 2.0, 2.0, 4.0
+
+BLOCKS_M = (0.70, 0.26, 0.10, 0.038)
+"""Sizes of the blocks into which rock breaks, and of the chips that come off their faces."""
+
+JOINTS_RAD = (0.0, 1.9, 3.9)
+"""Azimuths of the sets of joints, from the first: faces lean along them."""
+
+LEANS = (0.09, 0.20, 0.28, 0.30)
+"""Slopes of the faces of blocks, by size."""
+
+STEPS = (0.018, 0.024, 0.024, 0.020)
+"""Deviations of the heights of blocks, relative to their sizes."""
+
+CRACKED, CRACK_M = 1, 0.003
+"""Of which size the blocks are that have cracks between them, and half of their largest width."""
+
+
+class Broken(NamedTuple):
+    """Faces of broken rock.
+
+    Attributes:
+        height: (N, N) in tile edges.
+        tone: (N, N) random value of each face, with standard deviation of about 1.
+        crack: (N, N) 1 in the middle of a crack, 0 outside.
+    """
+
+    height: Field
+    tone: Field
+    crack: Field
+
+
+class Look(NamedTuple):
+    """The colours of a kind of rock, linear reflectance.
+
+    Attributes:
+        fresh: Of faces that broke lately.
+        stained: Of those that iron has stained.
+        aged: Of those that have been in the weather for long.
+        lichen: Of crusts that grow on it.
+        albedo: Mean luminance.
+        shattered: How much of it is broken to chips, 0 to 1.
+    """
+
+    fresh: Color
+    stained: Color
+    aged: Color
+    lichen: Color
+    albedo: float
+    shattered: float
+
+
+SANDSTONE = Look(
+    (0.27, 0.20, 0.138), (0.26, 0.155, 0.085), (0.19, 0.165, 0.14), (0.26, 0.25, 0.20), 0.17, 0.35
+)
+TRAP = Look(
+    (0.112, 0.109, 0.105), (0.135, 0.098, 0.07), (0.085, 0.083, 0.08), (0.13, 0.13, 0.115), 0.1, 0.4
+)
+LIMESTONE = Look(
+    (0.235, 0.205, 0.172), (0.235, 0.168, 0.105), (0.19, 0.185, 0.178), (0.3, 0.3, 0.255), 0.21, 0.6
+)
+
+
+GRIT: Color = (0.235, 0.19, 0.14)
+"""Of what lies in the hollows of bedrock."""
 
 
 def rock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Weathered, brown sandstone."""
-    return _weather(size_px, rng, (0.55, 0.48, 0.40))
+    return _weathered(size_px, ROCK_M, SANDSTONE, rng)
 
 
 def basalt(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Dark grey rock with the bubbles of its lava, to lie on regolith."""
-    plain = _weather(size_px, rng, (0.36, 0.355, 0.348), staining=0.009)
-    gassy = np.clip(0.3 + 0.5 * fields.tile_noise(size_px, 4, rng, 1.8), 0.02, 1)
+    plain = _weathered(size_px, BASALT_M, TRAP, rng)
+    gassy = np.clip(0.3 + 0.5 * swell(size_px, 4, rng, 1.8), 0.02, 1)
     holes = fields.spread(size_px, 6500, (0.0014, 0.010), 2.4, rng, gassy)
     depth = fields.domes(size_px, *holes) / size_px
     color = plain.color * (1 - 0.35 * smoothstep(0.0, 0.004, depth))[..., None]
@@ -34,43 +112,8 @@ def basalt(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 def bedrock(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """A pavement of layered rock: slabs between joints, broken steps, sand in the low parts."""
-    blocks = cells.joint_blocks(size_px, (3, 1), rng, bend=0.012)
-    breaks = cells.voronoi(size_px, 8, rng, warp=0.07, jitter=0.47, smooth=2.6)
-    slabs = cells.intersect(blocks, breaks)
-    joint = cells.border_distance(blocks) / np.float32(size_px)
-    crack = cells.border_distance(slabs) / np.float32(size_px)
-    ragged = fields.tile_noise(size_px, 40, rng, 1.3)
-    rough = fields.tile_noise(size_px, 12, rng, 1.8)
-    grain = fields.grains(size_px, rng, 0.8)
-    # Layers weather one by one and end in broken steps.
-    mass = fields.tile_noise(size_px, 4, rng, 1.8) + 0.3 * cells.per_cell(slabs, rng)
-    layer = 2.6 * mass + 0.10 * ragged
-    part = layer - np.floor(layer)
-    terraces = np.floor(layer) + smoothstep(0.80, 1.0, part) + 0.12 * part
-    height = 0.0026 * terraces + 0.0022 * cells.per_cell(slabs, rng)
-    height += 0.02 * cells.facet_heights(slabs, rng)
-    height += 0.0006 * rough + 0.00025 * ragged + 0.00010 * grain
-    worn = 0.004 * np.exp(-crack / 0.003) + 0.006 * np.exp(-joint / 0.006)
-    gap = np.maximum(
-        smoothstep(0.0030, 0.0008, joint + 0.0006 * ragged),
-        0.7 * smoothstep(0.0018, 0.0004, crack + 0.0005 * ragged),
-    )
-    height -= worn + 0.010 * gap
-    band = np.interp(np.arange(64), np.arange(64), rng.normal(0, 1, 64)).astype(np.float32)
-    tone = 1 + 0.05 * band[np.floor(layer).astype(np.int64) % 64] + 0.04 * rough + 0.035 * ragged
-    tone += 0.03 * grain + 0.06 * cells.per_cell(slabs, rng) - 0.2 * gap
-    color = tint(tone, (0.30, 0.245, 0.185))
-    stain = smoothstep(0.4, 1.8, fields.tile_noise(size_px, 5, rng, 1.5))
-    color = blend(color, (0.20, 0.135, 0.085), 0.45 * stain)
-    sanded = height + 0.0004 * fields.tile_noise(size_px, 20, rng, 1.6)
-    level = np.float32(np.quantile(sanded, 0.13))
-    sand = smoothstep(0.0010, -0.0006, sanded - level)
-    fill = level + 0.0010 * fields.tile_noise(size_px, 8, rng, 2.1) + 0.00008 * grain
-    height = height + (np.maximum(height, fill) - height) * sand
-    drifted = tint(1 + 0.05 * grain + 0.02 * ragged, (0.325, 0.255, 0.18))
-    color = blend(color, drifted, sand)
-    return finish_maps(color, height, 0.88 + 0.03 * grain, albedo=0.23, shade=0.7)
+    """A pavement of broken limestone with grit in its low parts."""
+    return _weathered(size_px, BEDROCK_M, LIMESTONE, rng, grit_share=0.1)
 
 
 def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -104,32 +147,88 @@ def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
     return finish_maps(color, height, 0.68 + 0.1 * low + 0.05 * wrinkle, albedo=0.068, shade=0.7)
 
 
-def _weather(
-    size_px: int, rng: np.random.Generator, tone: Color, staining: float = 0.025
+def _weathered(
+    size_px: int, tile_m: float, look: Look, rng: np.random.Generator, grit_share: float = 0.0
 ) -> TextureMaps:
-    """Return bare rock: faint layers, broken steps, pits, cracks, stains."""
-    layers = fields.strata(size_px, 22, rng)
-    mass = fields.tile_noise(size_px, 4, rng, 1.9)
-    rough = fields.tile_noise(size_px, 14, rng, 1.7)
-    steps = fields.crests(size_px, 5, rng)
-    grain = fields.grains(size_px, rng, 0.8)
-    # Cracks exist only where the rock is weak, so that they have ends.
-    weak = np.clip(1.5 * fields.tile_noise(size_px, 2, rng, 2.2) - 0.2, 0, 1)
-    split = weak * fields.cracks(size_px, 6, rng, width=0.022)
-    pits = np.clip(fields.tile_noise(size_px, 45, rng, 1.7) - 1.6, 0, 1.5)
-    height = 0.005 * layers + 0.005 * mass + 0.0011 * rough + 0.010 * steps
-    height += 0.0002 * grain - 0.006 * split - 0.002 * pits
-    color = dusty(size_px, rng, tone, 0.05)
-    color *= (1 + 0.05 * layers + 0.055 * rough + 0.16 * (steps - 0.6) - 0.3 * split)[..., None]
-    stain = fields.tile_noise(size_px, 3, rng)[..., None]
-    color *= 1 + staining * stain * np.array((1.0, 0.4, -0.3), np.float32)
-    color *= (1 - 0.18 * np.clip(pits, 0, 1))[..., None]
-    return darken_hollows(color, height.astype(np.float32), rng, roughness=0.87)
+    """Return rock that is broken into blocks, worn, stained and grown over."""
+    broken = _broken(size_px, tile_m, look.shattered, rng)
+    grain, uneven = fine_noises(size_px, rng)
+    rough = fields.tile_noise(size_px, round(3 * tile_m), rng, 1.75)
+    height_m = tile_m * broken.height + 0.0040 * rough + 0.0010 * uneven + 0.00025 * grain
+    edge = np.clip((height_m - fields.blur(height_m, 0.013 / tile_m * size_px)) / 0.005, -1, 1)
+    height_m -= 0.02 * broken.crack
+    tone = 1 + 0.06 * broken.tone + 0.05 * rough + 0.04 * uneven + 0.055 * grain
+    tone += 0.13 * edge - 0.35 * broken.crack
+    color = _age(look, tone, broken, grain, tile_m, rng)
+    if grit_share:
+        fill_m = wide_blur(height_m, 0.033 / tile_m * size_px)
+        hollow_m = height_m - wide_blur(height_m, 0.1 / tile_m * size_px) + 0.0025 * rough
+        level_m = np.float32(np.quantile(hollow_m[::4, ::4], grit_share))
+        share = smoothstep(0.005, -0.005, hollow_m - level_m)
+        fill_m += 0.0005 * grain + 0.001 * uneven
+        height_m += (np.maximum(fill_m, height_m) - height_m) * share
+        color = blend(color, tint(1 + 0.09 * grain + 0.06 * uneven, GRIT), 0.85 * share)
+    height = np.asarray(height_m / tile_m, np.float32)
+    return finish_maps(color, height, 0.86 + 0.03 * grain, albedo=look.albedo, shade=0.75)
+
+
+def _broken(size_px: int, tile_m: float, shattered: float, rng: np.random.Generator) -> Broken:
+    """Return blocks within blocks, whose faces lean along a few directions."""
+    azimuths = rng.uniform(0, 2 * np.pi) + np.array(JOINTS_RAD)
+    leans = np.stack((np.cos(azimuths), np.sin(azimuths)), axis=1)
+    coarse = round(0.75 * tile_m) + 1
+    share = smoothstep(-0.9, 0.9, swell(size_px, coarse, rng, 1.9) + 2 * shattered - 1)
+    chipped = share * smoothstep(-0.2, 1.2, swell(size_px, 2 * coarse, rng, 1.7))
+    height, tone, crack = (np.zeros((size_px, size_px), np.float32) for _ in range(3))
+    present = (1 + height, 0.35 + 0.65 * share, 0.15 + 0.85 * chipped, 0.15 + 0.6 * chipped)
+    for number, part in enumerate(present):
+        count = max(2, round(tile_m / BLOCKS_M[number]))
+        blocks = partial(_blocks, count, LEANS[number] * leans, STEPS[number] / count, rng)
+        faces, each, border = all_at_half(size_px, blocks)
+        height += part * faces
+        tone += 0.6 * part * each
+        if number == CRACKED:
+            is_open = smoothstep(0.3, 1.3, swell(size_px, coarse + 2, rng, 1.8))
+            crack = is_open * np.clip(1 - border * (tile_m / CRACK_M), 0, 1)
+    return Broken(height, tone, crack)
+
+
+def _blocks(
+    count: int, leans: FloatArray, step: float, rng: np.random.Generator, size_px: int
+) -> tuple[Field, Field, Field]:
+    """Return heights, a random value of each block, and distances to borders, in tile edges."""
+    ids = cells.voronoi(size_px, count, rng, warp=0.065, jitter=0.49, smooth=1.7)
+    spread = 0.5 * float(np.hypot(*leans[0]))
+    faces = cells.facet_heights(ids, rng, leans, spread)
+    each = cells.per_cell(ids, rng)
+    return faces + np.float32(step) * each, each, cells.border_distance(ids) / size_px
+
+
+def _age(
+    look: Look, tone: Field, broken: Broken, grain: Field, tile_m: float, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Return the (N, N, 3) colour of faces that are fresh, stained, old and grown over."""
+    size_px, coarse = len(tone), round(0.75 * tile_m) + 1
+    color = tint(tone, look.fresh)
+    patches = (swell(size_px, coarse + 1, rng, 1.6) + 0.5 * broken.tone for _ in range(2))
+    color = blend(color, tint(tone, look.stained), 0.6 * smoothstep(-0.2, 1.6, next(patches)))
+    color = blend(color, tint(tone, look.aged), 0.6 * smoothstep(0.1, 1.5, next(patches)))
+    wet = smoothstep(0.5, 1.9, fields.tile_noise(size_px, 2 * coarse, rng, 1.5))
+    color *= (1 - 0.4 * wet)[..., None]
+    crust = fields.tile_noise(size_px, round(6.5 * tile_m), rng, 1.35)
+    crust += 0.35 * swell(size_px, coarse, rng, 2.0)
+    color = blend(color, tint(1 + 0.1 * grain, look.lichen), 0.6 * smoothstep(1.05, 1.4, crust))
+    spots = smoothstep(1.25, 1.6, fields.tile_noise(size_px, round(10 * tile_m), rng, 1.3))
+    return blend(color, 0.3 * np.array(look.aged), 0.5 * spots)
+
+
+def _face(make: Make, tile_m: float, albedo: tuple[float, float]) -> Recipe:
+    return Recipe(make, tile_m, albedo, exposure=1.0, stands_out=True, size_px=BAKED_PX)
 
 
 RECIPES: dict[str, Recipe] = {
-    "rock": Recipe(rock, tile_m=2.0, albedo=(0.1, 0.25), exposure=1.0, stands_out=True),
-    "basalt": Recipe(basalt, tile_m=2.0, albedo=(0.06, 0.13), exposure=1.0, stands_out=True),
-    "bedrock": Recipe(bedrock, tile_m=4.0, albedo=(0.15, 0.3), exposure=1.0, stands_out=True),
+    "rock": _face(rock, ROCK_M, (0.1, 0.25)),
+    "basalt": _face(basalt, BASALT_M, (0.06, 0.13)),
+    "bedrock": _face(bedrock, BEDROCK_M, (0.15, 0.3)),
     "lava": Recipe(lava, tile_m=3.0, albedo=(0.04, 0.1), exposure=0.6, stands_out=True),
 }
