@@ -161,7 +161,9 @@ def _guides(
     is_sky = pass_of(rendered, DEPTH) >= BACKGROUND_M
     surface = np.where(is_sky, albedo[is_film].mean(axis=0), albedo)
     smooth = denoiser.denoise_albedo(surface) + MIN_ALBEDO
-    divisor = np.where(is_film[..., None], smooth, _divisor(albedo, normal, samples))
+    # Beside the sky, a film's smooth albedo has no share for the sky in the same pixel.
+    is_within = is_film[..., None] & (_sky_share(albedo, normal) == 0)
+    divisor = np.where(is_within, smooth, _divisor(albedo, normal, samples))
     if denoising != "thorough":
         normal = denoiser.denoise_normal(normal)
     return divisor, normal

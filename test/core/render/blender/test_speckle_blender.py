@@ -23,7 +23,13 @@ ABOVE, GRAZING = (
 SUNNY, DUSK = 30.0, -1.0
 """Elevations of the sun: at dusk, only the sky shines."""
 
-LAYERS = {"pools": ("gravel", "sand"), "ice": ("ice", "mud")}
+LAYERS = {"pools": ("gravel", "sand"), "ice": ("ice", "mud"), "mud": ("mud", "gravel")}
+
+LEVEL = pose_looking_at((0.0, 0.0, 2.5), (10.0, 0.0, 3.0))
+
+BRIGHTER = 45
+"""Sum of three bytes by which reflections may be brighter than the sky above the horizon, because
+an overcast sky is brighter farther up. Silhouettes were brighter by 73 to 101."""
 
 
 def world(kind: str) -> dict[str, Any]:
@@ -77,3 +83,12 @@ def test_what_reflects_by_chance_is_as_smooth_as_with_many_samples(
     }
     assert all(share < MAX_SHARE[each[2]] for each, share in shares.items()), shares
     assert len(shares) == 2 * len(suns) * len(qualities)
+
+
+def test_a_film_before_the_sky_has_no_bright_outline() -> None:
+    overcast = {**world("mud"), "environment": {"sky": {"model": "overcast"}}}
+    found = in_blender("water.pictures", overcast, [LEVEL], (40.0,), ("preview",))
+    (picture,) = found.values()
+    light = picture.astype(int).sum(axis=-1)
+    assert light[40:].mean() < 0.8 * light[:8].mean(), "ground below the sky"
+    assert light.max() < np.median(light[:8]) + BRIGHTER
