@@ -8,6 +8,9 @@ only: it has the same bits everywhere.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -44,6 +47,9 @@ TALUS_CELLS = 12
 
 TO_JOINTS = 0.25
 """Part by which walls leave their smooth lines for those of joints."""
+
+FACE_CELLS = 1.6
+"""Width of the faces between blocks, in cells."""
 
 LEDGES = 0.36
 """Part of the rise of a slope that the faces between blocks of a size take up."""
@@ -95,11 +101,15 @@ def bend_to_joints(
     """
     if block_m < LEAST_CELLS * spacing_m:
         return field
-    blocks, count = _blocks(field.shape, spacing_m, block_m, randomness.child(rng, "walls"))
+    joints = _joints(field.shape, spacing_m, block_m, randomness.child(rng, "walls"))
+    blocks, count = joints.blocks()
     label = blocks.ravel()
-    cells = np.maximum(np.bincount(label, minlength=count), 1)
-    means = np.bincount(label, field.ravel(), count) / cells
-    return np.asarray(field + TO_JOINTS * (means[blocks] - field))
+    cells = np.bincount(label, minlength=count)
+    means = np.bincount(label, field.ravel(), count) / np.maximum(cells, 1)
+    moved = np.zeros_like(field)
+    for of, share in joints.faces(FACE_CELLS):
+        moved += share * np.where(cells[of] > 0, means[of] - field, 0.0)
+    return np.asarray(field + TO_JOINTS * moved)
 
 
 def bareness(
@@ -118,10 +128,60 @@ def bareness(
     return np.asarray(share * share * (3.0 - 2.0 * share))
 
 
-def _blocks(
+class _Joints(NamedTuple):
+    """Two sets of joints, of which the second one ends at the first.
+
+    Attributes:
+        along, across: (rows, cols) distances from the first joint of each set, in their spacings.
+        shift: (R,) by which joints of the second set are shifted in each row of blocks.
+        columns: Number of blocks in a row, at most.
+        cells: Grid cells across a block, along each of both.
+    """
+
+    along: FloatArray
+    across: FloatArray
+    shift: FloatArray
+    columns: int
+    cells: tuple[float, float]
+
+    def blocks(self) -> tuple[NDArray[np.intp], int]:
+        """Return the (rows, cols) number of each cell's block, and how many numbers there are."""
+        row = np.floor(self.along).astype(np.intp)
+        return self._number(row, np.floor(self.across + self.shift[row])), self._count()
+
+    def faces(self, width_cells: float) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
+        """Yield the (rows, cols) numbers of blocks, and their shares in each cell, which sum to 1.
+
+        Next to a joint two blocks have shares, so that the face between them is a ramp as wide as
+        ``width_cells``: a wall that is no wider than a cell would have the steps of the grid.
+        """
+        for row, in_row in _two(self.along, width_cells / self.cells[0], len(self.shift)):
+            across = self.across + self.shift[row]
+            for column, in_column in _two(across, width_cells / self.cells[1], self.columns):
+                yield self._number(row, column), in_row * in_column
+
+    def _number(self, row: NDArray[np.intp], column: FloatArray) -> NDArray[np.intp]:
+        return np.asarray(row * self.columns + column.astype(np.intp))
+
+    def _count(self) -> int:
+        return len(self.shift) * self.columns
+
+
+def _two(place: FloatArray, width: float, count: int) -> Iterator[tuple[Any, FloatArray]]:
+    """Yield the (rows, cols) cell of a place on an axis, and the next one, with their shares."""
+    cell = np.floor(place)
+    past = place - cell
+    is_upper = past > 0.5
+    edge = np.where(is_upper, 1.0 - past, past)
+    share = np.maximum(0.5 - edge / width, 0.0)
+    yield cell.astype(np.intp), 1.0 - share
+    beside = np.clip(np.where(is_upper, cell + 1.0, cell - 1.0), 0.0, count - 1.0)
+    yield beside.astype(np.intp), share
+
+
+def _joints(
     shape: tuple[int, ...], spacing_m: float, edge_m: float, rng: np.random.Generator
-) -> tuple[NDArray[np.intp], int]:
-    """Return the (rows, cols) number of the block of each cell, and how many blocks there are."""
+) -> _Joints:
     size_px, extent_m = shape[0], spacing_m * (shape[0] - 1)
     x, y = grid(extent_m, size_px, 1.0)
     u, v = grid(extent_m, size_px, BEND_BLOCKS * edge_m)
@@ -130,13 +190,12 @@ def _blocks(
     # The second set stands oblique to the first one, and its joints are closer.
     along = (x * east + y * north) / edge_m + bends[0]
     across = (y * (east - 0.3 * north) - x * (north + 0.3 * east)) / (0.7 * edge_m) + bends[1]
-    row = np.floor(along)
-    row = (row - row.min()).astype(np.intp)
-    # Joints of the second set end at those of the first.
-    column = np.floor(across + rng.random(int(row.max()) + 1)[row])
-    column = (column - column.min()).astype(np.intp)
-    wide = int(column.max()) + 1
-    return row * wide + column, (int(row.max()) + 1) * wide
+    along -= np.floor(along.min())
+    shift = rng.random(int(along.max()) + 1)
+    across -= np.floor(across.min())
+    columns = int(across.max()) + 2
+    cells = edge_m / spacing_m
+    return _Joints(along, across, shift, columns, (cells, 0.7 * cells))
 
 
 def _stepped(
@@ -146,7 +205,8 @@ def _stepped(
 
     A block is bare as a whole, or not at all.
     """
-    blocks, count = _blocks(z.shape, spacing_m, edge_m, rng)
+    joints = _joints(z.shape, spacing_m, edge_m, rng)
+    blocks, count = joints.blocks()
     shifts = rng.uniform(-1.0, 1.0, (count, 3)) * (UNEVEN * edge_m, TILT, TILT)
     label = blocks.ravel()
     cells = np.maximum(np.bincount(label, minlength=count), 1)
@@ -159,8 +219,11 @@ def _stepped(
     rise = spacing_m * stands_out[:, None] * shifts[:, 1:]
     level_m = stands_out * (LEDGES * mean_m + shifts[:, 0])
     level_m -= rise[:, 0] * mean_col + rise[:, 1] * mean_row
-    plane_m = level_m[blocks] + rise[:, 0][blocks] * cols + rise[:, 1][blocks] * rows
-    return np.asarray(z * (1.0 - LEDGES * stands_out)[blocks] + plane_m)
+    stepped_m = np.zeros_like(z)
+    for of, share in joints.faces(FACE_CELLS):
+        plane_m = level_m[of] + rise[:, 0][of] * cols + rise[:, 1][of] * rows
+        stepped_m += share * (z * (1.0 - LEDGES * stands_out)[of] + plane_m)
+    return stepped_m
 
 
 def lay_talus(

@@ -63,9 +63,9 @@ def test_debris_lies_at_the_foot_of_a_wall_at_its_angle_of_repose() -> None:
 def test_lines_of_equal_values_bend_to_joints() -> None:
     field = ramp(1.0)
     bent = bend_to_joints(field, SPACING_M, 2.0, np.random.default_rng(3))
-    assert bent.mean() == pytest.approx(field.mean())
+    assert bent.mean() == pytest.approx(field.mean(), rel=1e-4)
     across = np.abs(np.diff(bent, axis=0))
-    assert (across < 1e-9).mean() > 0.9, "straight within a block"
+    assert (across < 1e-9).mean() > 0.7, "straight within a block, but for its faces"
     assert across.max() > 0.1, "steps at joints"
 
 
@@ -74,4 +74,13 @@ def test_rock_and_debris_have_the_same_bytes_on_each_python() -> None:
     broken = break_rock(ramp(1.2, 129), SPACING_M, 2.0, rng)
     broken[:, 70:] += 3.0
     laid = lay_talus(broken, SPACING_M, 3.0, rng).astype(np.float32)
-    assert hashlib.sha256(laid.tobytes()).hexdigest()[:16] == "48f2209c8e80a755"
+    assert hashlib.sha256(laid.tobytes()).hexdigest()[:16] == "e135e326df122365"
+
+
+def test_faces_oblique_to_the_grid_have_none_of_its_steps() -> None:
+    before = ramp(1.2)
+    after = break_rock(before, SPACING_M, 2.0, np.random.default_rng(1))
+    # Along a wall with the steps of the grid, every cell or two would rise and fall.
+    sideways = np.diff(after - before, axis=0)
+    turns = (sideways[1:] * sideways[:-1] < 0) & (np.abs(np.diff(sideways, axis=0)) > 0.25)
+    assert turns.mean() < 0.001
