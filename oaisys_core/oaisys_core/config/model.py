@@ -22,7 +22,6 @@ from pydantic import (
 )
 from pydantic_core import to_jsonable_python
 
-from oaisys_core.config.body_defaults import with_defaults_of_body
 from oaisys_core.config.draw_checks import (
     check_labels,
     check_options,
@@ -40,12 +39,13 @@ from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensing.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig, body_name
+from oaisys_core.config.stage_defaults import with_defaults_of_stage
 from oaisys_core.config.variants import VariantConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
 from oaisys_core.files.path_fields import NamedPath
 from oaisys_core.types import DIGITAL, RADIANCE
 
-GENERATOR_VERSION = 21
+GENERATOR_VERSION = 22
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
 beyond the stage, and a brighter sky beside the sun."""
 
@@ -135,7 +135,7 @@ class SimulationConfig(Section):
             plain, draws = separate(data, cls)
         except InvalidInputError as error:
             raise error_of(error) from error
-        config = handler(with_defaults_of_body(plain))
+        config = handler(with_defaults_of_stage(plain))
 
         def check(each: dict[str, Any]) -> SimulationConfig:
             return cls.model_validate(each, context=info.context)

@@ -15,6 +15,7 @@ from oaisys_core.config import (
 )
 from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import unproject
+from oaisys_core.procedural.terrain.presets import PRESETS
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_core.world.modules import SensorsModule
 
@@ -114,7 +115,7 @@ def test_a_record_of_other_generators_is_refused_by_name() -> None:
     record = SimulationConfig().model_dump(mode="json")
     assert config_sha256(config_from_mapping(record)) == config_sha256(SimulationConfig())
     record["generator_version"] -= 1
-    with pytest.raises(ConfigError, match=r"generator_version: received 20, expected 21, because"):
+    with pytest.raises(ConfigError, match=r"generator_version: received 21, expected 22, because"):
         config_from_mapping(record)
 
 
@@ -203,6 +204,18 @@ def test_without_a_sky_of_its_own_a_world_has_that_of_its_body(
         ({"stage": {"body": "moon"}}, ["regolith"], "basalt"),
         ({"stage": {"body": 3.3895e6}}, ["red_sand", "gravel_dark"], "basalt"),
         ({"stage": {"preset": "plane"}}, ["gravel", "sand"], "rock"),
+        ({"stage": {"preset": "canyon"}}, ["gravel", "sand", "bedrock"], "rock"),
+        ({"stage": {"preset": "dunes"}}, ["sand", "rippled_sand"], "rock"),
+        ({"stage": {"preset": "volcanic_field"}}, ["lava", "gravel_dark"], "basalt"),
+        ({"stage": {"preset": "dunes", "body": "mars"}}, ["red_sand", "gravel_dark"], "basalt"),
+        (
+            {
+                "stage": {"preset": "mesa"},
+                "materials": {"layers": [{"texture": "ice", "label": "ice", "semantic_id": 1}]},
+            },
+            ["ice"],
+            "rock",
+        ),
         ({"stage": {"body": "moon"}, "assets": {"rock_texture": "lava"}}, ["regolith"], "lava"),
         (
             {
@@ -224,13 +237,24 @@ def test_without_a_sky_of_its_own_a_world_has_that_of_its_body(
         ),
     ],
 )
-def test_without_a_ground_of_its_own_a_world_has_that_of_its_body(
+def test_without_a_ground_of_its_own_a_world_has_that_of_its_body_and_preset(
     data: dict[str, Any], layers: list[str], rocks: str
 ) -> None:
     config = config_from_mapping(data)
     assert [layer.texture for layer in config.materials.layers] == layers
     assert config.assets.rock_texture == rocks
     assert config_from_mapping(config.model_dump()) == config
+
+
+def test_default_layers_of_all_stages_have_one_id_for_each_name() -> None:
+    stages = [{"body": body} for body in ("moon", "mars")] + [{"preset": each} for each in PRESETS]
+    layers = [
+        layer
+        for stage in stages
+        for layer in config_from_mapping({"stage": stage}).materials.layers
+    ]
+    pairs = {(layer.label, layer.semantic_id) for layer in layers}
+    assert len(pairs) == len({name for name, _ in pairs}) == len({number for _, number in pairs})
 
 
 def test_the_sky_of_mars_is_brighter_and_redder_at_the_horizon() -> None:

@@ -137,8 +137,8 @@ class MaterialsConfig(Section):
     """The material of the ground: layers blended by masks.
 
     Attributes:
-        layers: Layers of every batch; by default gravel and sand, those of ``stage.body`` on the
-            Moon and Mars, or none if there are pools.
+        layers: Layers of every batch; by default gravel and sand, or what a ``stage.preset`` on
+            Earth, the Moon or Mars is made of, see docs/worlds.md; none if there are pools.
         pools: Sets of further layers, of which some are drawn for each batch.
         mask: Where the layers lie.
         label_borders: With ``hard`` a point has the label of the layer with the largest weight;
@@ -158,7 +158,7 @@ class MaterialsConfig(Section):
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,
-            clay, grass or moss, and 1024 of all others.
+            rock, clay, grass or moss, and 1024 of all others.
         texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
             The environment variable ``OAISYS_CACHE_MB`` limits the cache (default 1024); 0 disables
             it.

@@ -37,6 +37,16 @@ RELIEF_STRENGTH = 2.0
 """Change of a patch's score, in standard deviations of patches, where the ground is one standard
 deviation more exposed and the layer lies on exposed ground only."""
 
+BARE_ROCK = 0.9
+"""Exposure from which on a layer is bare rock."""
+
+WALL_DEG = (38.0, 52.0)
+"""Slopes from which on gravel, soil and plants lie less and less where there is bare rock, and not
+at all."""
+
+OFF_WALLS = 30.0
+"""By how much the score of a layer is less there, for a difference of exposure of 1."""
+
 NOISE_SOFTNESS = 0.07
 """Width of the borders on the land around a stage whose layers lie by the method ``noise``."""
 
@@ -93,6 +103,10 @@ def _preferences(
     texel_m = (ground.extent_m[2] - ground.extent_m[0]) / RELIEF_PX
     relief, size = relief_of(ground, RELIEF_PX), (mask.size_px, mask.size_px)
     scores = RELIEF_STRENGTH * exposures[:, None, None] * exposure(relief, texel_m, mask.scale_m)
+    if exposures.max() >= BARE_ROCK:
+        least_rad, most_rad = np.radians(WALL_DEG, dtype=np.float32)
+        wall = np.clip((relief.slope_rad - least_rad) / (most_rad - least_rad), 0, 1)
+        scores -= OFF_WALLS * (exposures.max() - exposures)[:, None, None] * wall
     if any(green):
         wet = cv2.resize(moisture(ground), (RELIEF_PX, RELIEF_PX), interpolation=cv2.INTER_CUBIC)
         scores[np.array(green)] += habitat(relief, np.asarray(wet, np.float32))

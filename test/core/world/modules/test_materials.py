@@ -18,6 +18,7 @@ from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with
 from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial
 from oaisys_core.scene.tiling import PlainTiling, StochasticTiling, VoronoiTiling
+from oaisys_core.types import FloatArray
 from oaisys_core.world.module import World
 from oaisys_core.world.modules import MaterialsModule
 from oaisys_core.world.modules.layers import choose_layers
@@ -37,7 +38,16 @@ def world_of(
     materials: MaterialsConfig, metadata: dict[str, Any] | None = None, seed: int = 1
 ) -> World:
     axis = np.linspace(0, 6, 65)
-    ground = HeightField(np.add.outer(axis, np.sin(axis)).astype(np.float32), (-4, -4), 0.125)
+    return world_on(np.add.outer(axis, np.sin(axis)), materials, metadata, seed)
+
+
+def world_on(
+    height_m: FloatArray,
+    materials: MaterialsConfig,
+    metadata: dict[str, Any] | None = None,
+    seed: int = 1,
+) -> World:
+    ground = HeightField(height_m.astype(np.float32), (-4, -4), 0.125)
     world = World(ground=ground, stage_hash="stage")
     module = MaterialsModule(materials)
     module.setup()
@@ -294,3 +304,31 @@ def test_the_ground_s_tone_is_made_where_colour_is_asked_for_and_always_the_same
     assert first.tone.pixels.shape == (64, 64, 3)
     assert first.tone.pixels is first.tone.pixels
     np.testing.assert_array_equal(first.tone.pixels, second.tone.pixels)
+
+
+@pytest.mark.parametrize("loose", ["gravel", "sand", "turf"])
+def test_nothing_loose_lies_on_a_wall_of_bare_rock(loose: str) -> None:
+    across = np.arange(65)
+    # Two levels, and 55 to 60 degrees between them from the 24th to the 40th column.
+    height_m = np.tile(0.2 * np.clip(across - 24, 0, 16), (65, 1))
+    layers = [
+        {"texture": name, "label": name, "semantic_id": number}
+        for number, name in enumerate((loose, "bedrock"), 1)
+    ]
+    for seed in range(3):
+        material = world_on(height_m, config(layers=layers), seed=seed).material
+        assert material is not None
+        share = material.masks[0]
+        assert share[:, 28:36].max() < 0.1, "on the wall"
+        assert share[:, :20].mean() > 0.4, "below it"
+
+
+def test_gravel_lies_on_a_wall_where_there_is_nothing_else() -> None:
+    height_m = np.tile(0.2 * np.arange(65), (65, 1))
+    layers = [
+        {"texture": name, "label": name, "semantic_id": number}
+        for number, name in enumerate(("gravel", "sand"), 1)
+    ]
+    material = world_on(height_m, config(layers=layers)).material
+    assert material is not None
+    assert material.masks.mean(axis=(1, 2)).min() > 0.2

@@ -37,11 +37,14 @@ BLOCKS_M = (0.70, 0.26, 0.10, 0.038)
 JOINTS_RAD = (0.0, 1.9, 3.9)
 """Azimuths of the sets of joints, from the first: faces lean along them."""
 
-LEANS = (0.09, 0.20, 0.28, 0.30)
+LEANS = (0.15, 0.23, 0.27, 0.26)
 """Slopes of the faces of blocks, by size."""
 
-STEPS = (0.018, 0.024, 0.024, 0.020)
+STEPS = (0.022, 0.026, 0.022, 0.016)
 """Deviations of the heights of blocks, relative to their sizes."""
+
+TONES = (1.0, 0.7, 0.45, 0.3)
+"""Deviations of their tones, relative to that of the largest: from afar, nothing else is seen."""
 
 CRACKED, CRACK_M = 1, 0.003
 """Of which size the blocks are that have cracks between them, and half of their largest width."""
@@ -157,8 +160,8 @@ def _weathered(
     height_m = tile_m * broken.height + 0.0040 * rough + 0.0010 * uneven + 0.00025 * grain
     edge = np.clip((height_m - fields.blur(height_m, 0.013 / tile_m * size_px)) / 0.005, -1, 1)
     height_m -= 0.02 * broken.crack
-    tone = 1 + 0.06 * broken.tone + 0.05 * rough + 0.04 * uneven + 0.055 * grain
-    tone += 0.13 * edge - 0.35 * broken.crack
+    tone = 1 + 0.085 * broken.tone + 0.05 * rough + 0.03 * uneven + 0.04 * grain
+    tone += 0.11 * edge - 0.35 * broken.crack
     color = _age(look, tone, broken, grain, tile_m, rng)
     if grit_share:
         fill_m = wide_blur(height_m, 0.033 / tile_m * size_px)
@@ -186,7 +189,7 @@ def _broken(size_px: int, tile_m: float, shattered: float, rng: np.random.Genera
         blocks = partial(_blocks, count, LEANS[number] * leans, STEPS[number] / count, rng)
         faces, each, border = all_at_half(size_px, blocks)
         height += part * faces
-        tone += 0.6 * part * each
+        tone += TONES[number] * part * each
         if number == CRACKED:
             is_open = smoothstep(0.3, 1.3, swell(size_px, coarse + 2, rng, 1.8))
             crack = is_open * np.clip(1 - border * (tile_m / CRACK_M), 0, 1)
