@@ -57,8 +57,9 @@ def layer_weights(
     ground: Ground,
     rng: np.random.Generator,
     green: Sequence[bool],
+    snowy: Sequence[bool],
 ) -> NDArray[np.float32]:
-    """Return (L, M, M) weights of the layers on the stage, of which some may be ``green``."""
+    """Return (L, M, M) weights of the layers on the stage; see `weights_of` for plants and snow."""
     mask = config.mask
     size_m = (
         ground.extent_m[2] - ground.extent_m[0],
@@ -80,6 +81,7 @@ def layer_weights(
             gates=gates,
             preferences=_preferences(config, layers, ground, green),
             green=green,
+            snowy=snowy,
         )
     rngs = [randomness.child(rng, f"noise/{index}") for index in range(len(layers))]
     noise = mask.noise
@@ -121,6 +123,7 @@ def land_weights(
     world: World,
     rng: np.random.Generator,
     green: Sequence[bool],
+    snowy: Sequence[bool],
 ) -> LandMasks | None:
     """Return the masks of the ground around the stage; None if the stage's go on mirrored.
 
@@ -141,9 +144,9 @@ def land_weights(
             return None
     mask = config.mask
     patch_m, softness = mask.scale_m, border_softness(mask.sharpness)
-    is_green, sharpness = tuple(green), mask.sharpness
+    is_green, is_snowy, sharpness = tuple(green), tuple(snowy), mask.sharpness
     if mask.method == "noise":
-        is_green, sharpness = (), 1.0
+        is_green, is_snowy, sharpness = (), (), 1.0
         patch_m = max(x1 - x0, y1 - y0) / float(np.mean(mask.noise.scale))
         softness = NOISE_SOFTNESS
     return PatchyLandMasks(
@@ -155,4 +158,5 @@ def land_weights(
         relief=relief,
         is_green=is_green,
         sharpness=sharpness,
+        is_snowy=is_snowy,
     )

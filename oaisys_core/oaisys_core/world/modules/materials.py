@@ -17,7 +17,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.terrain.detail import Detail
 from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, relief_of_maps
 from oaisys_core.procedural.terrain.macro_variation import MacroPattern
-from oaisys_core.procedural.terrain.masks.cover import is_green
+from oaisys_core.procedural.terrain.masks.cover import is_green, is_snowy
 from oaisys_core.procedural.terrain.masks.relief import has_steep_parts
 from oaisys_core.procedural.terrain.masks.tone import StageTone
 from oaisys_core.scene import Ground, HeightField
@@ -99,7 +99,9 @@ class MaterialsModule(Module):
             for index, layer in enumerate(choose_layers(config, rng))
         ]
         green = [is_green(layer.layer.maps) for layer in layers]
-        masks = layer_weights(config, [layer.config for layer in layers], ground, rng, green)
+        snowy = [is_snowy(layer.layer.maps) for layer in layers]
+        shown_layers = [layer.config for layer in layers]
+        masks = layer_weights(config, shown_layers, ground, rng, green, snowy)
         material = TerrainMaterial(
             layers=tuple(layer.layer for layer in layers),
             masks=masks,
@@ -123,7 +125,7 @@ class MaterialsModule(Module):
             world.detail = _with_relief(world.detail, material, shown)
         if len(layers) > 1:
             conditions = [layer.config.when for layer in layers]
-            land = land_weights(config, material, conditions, world, rng, green)
+            land = land_weights(config, material, conditions, world, rng, green, snowy)
             material = replace(material, land=land)
         if (beyond := world.water_beyond()) is not None:
             material = replace(material, wet_extent_m=beyond.extent_m)

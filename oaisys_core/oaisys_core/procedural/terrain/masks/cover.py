@@ -35,6 +35,9 @@ MOISTURE_STRENGTH = 1.5
 BARE_RAD = 0.55, 0.95
 """Slopes from which on roots hold less and less, 32 degrees, and hardly at all, 54."""
 
+SNOW_ALBEDO = 0.6
+"""Least reflectance of snow in each channel: salt and limestone have less in blue."""
+
 STEEP_STRENGTH = 3.0
 """Change of a green layer's score on the steepest ground."""
 
@@ -43,6 +46,11 @@ def is_green(maps: PbrMaps) -> bool:
     """Return whether a texture is of plants: whether its mean colour has more green than red."""
     red, green, blue = maps.mean_of_texels()
     return bool(green > max(red, blue))
+
+
+def is_snowy(maps: PbrMaps) -> bool:
+    """Return whether a texture is of snow: whether it reflects more than other ground does."""
+    return bool(min(maps.mean_of_texels()) > SNOW_ALBEDO)
 
 
 def tuft_deviation(sharpness: float) -> float:

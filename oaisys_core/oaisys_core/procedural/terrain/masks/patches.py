@@ -84,6 +84,7 @@ def blend_masks(
     gates: NDArray[np.float32] | None = None,
     preferences: NDArray[np.float32] | None = None,
     green: Sequence[bool] | None = None,
+    snowy: Sequence[bool] | None = None,
 ) -> NDArray[np.float32]:
     """Return (n_layers, size_px, size_px) float32 weights that sum to 1.
 
@@ -103,11 +104,15 @@ def blend_masks(
             are 0, the first layer lies.
         preferences: (n_layers, size_px, size_px) by how much the ground's forms favour each layer,
             in standard deviations of the patches.
+        green, snowy: Whether each layer is of plants or of snow, see `weights_of`; None for none.
     """
     if n_layers == 1:
         return np.ones((1, size_px, size_px), np.float32)
     waves = max(extent_m / (2 * scale_m), 1.0)
-    is_green = np.zeros(n_layers, np.bool_) if green is None else np.array(green, np.bool_)
+    is_green, is_snowy = (
+        np.zeros(n_layers, np.bool_) if each is None else np.array(each, np.bool_)
+        for each in (green, snowy)
+    )
     scores = np.stack([_patches(size_px, waves, rng) for _ in range(n_layers)])
     deviation, texel_m = np.float32(tuft_deviation(sharpness)), extent_m / size_px
     for index in np.flatnonzero(is_green):
@@ -121,36 +126,38 @@ def blend_masks(
         opened = _open_first(gates)
         scores += np.float32(RELUCTANCE) * np.log(np.maximum(opened, 1e-30))
         scores[opened <= 0] = NOWHERE
-    of_tufts = tuft_softness(sharpness, visible_share(texel_m))
-    return weights_of(scores, border_softness(sharpness), is_green, of_tufts)
+    visible = visible_share(texel_m) if is_green.any() else 1.0
+    of_tufts = tuft_softness(sharpness, visible)
+    return weights_of(scores, border_softness(sharpness), is_green | is_snowy, of_tufts)
 
 
 def weights_of(
     scores: NDArray[np.float32],
     softness: float,
-    is_green: NDArray[np.bool_],
+    is_cover: NDArray[np.bool_],
     of_tufts: FloatArray,
 ) -> NDArray[np.float32]:
     """Return (L, ...) weights that sum to 1, of layers that compete by their scores.
 
-    Bare layers turn gradually into each other, and plants into these within a tuft. Layers of less
-    than `MIN_WEIGHT` are left out, because each that is seen at a point costs time there.
+    Bare layers turn gradually into each other, but plants and snow have edges: thin snow between
+    stones would look strewn. Layers of less than `MIN_WEIGHT` are left out, because each that is
+    seen at a point costs time there.
 
     Args:
         scores: (L, ...); the weights replace them.
         softness: Width of the borders of bare layers, see `border_softness`.
-        is_green: (L,) whether a layer is of plants.
+        is_cover: (L,) whether a layer is of plants or of snow.
         of_tufts: Width of their borders, see `tuft_softness`: anything that broadcasts to (...).
     """
     wide, narrow = np.float32(softness), np.asarray(of_tufts, np.float32)
-    if is_green.any() and not is_green.all():
-        above = scores[is_green].max(axis=0) - scores[~is_green].max(axis=0)
+    if is_cover.any() and not is_cover.all():
+        above = scores[is_cover].max(axis=0) - scores[~is_cover].max(axis=0)
         share = 1 / (1 + np.exp(-np.clip(above / narrow, -30, 30)))
         weights = scores
-        weights[is_green] = _compete(scores[is_green], narrow) * share
-        weights[~is_green] = _compete(scores[~is_green], wide) * (1 - share)
+        weights[is_cover] = _compete(scores[is_cover], narrow) * share
+        weights[~is_cover] = _compete(scores[~is_cover], wide) * (1 - share)
     else:
-        weights = _compete(scores, narrow if is_green.all() else wide)
+        weights = _compete(scores, narrow if is_cover.all() else wide)
     weights -= np.float32(min(MIN_WEIGHT, 0.5 / len(weights)))
     np.maximum(weights, 0, out=weights)
     weights /= weights.sum(axis=0)

@@ -70,7 +70,8 @@ class PatchyLandMasks:
         seed: Seed of the patches.
         relief: Relief of the land, which the patches follow; None for patches of noise alone.
         is_green: Whether each layer is of plants, which thin out to tufts; empty for none.
-        sharpness: Sharpness of the borders of plants, see `tuft_softness`.
+        sharpness: Sharpness of the borders of plants and snow, see `tuft_softness`.
+        is_snowy: Whether each layer is of snow; empty for none.
     """
 
     extent_m: tuple[float, float, float, float]
@@ -81,6 +82,7 @@ class PatchyLandMasks:
     relief: LandScores | None = None
     is_green: tuple[bool, ...] = ()
     sharpness: float = 1.0
+    is_snowy: tuple[bool, ...] = ()
 
     @property
     def centre_m(self) -> tuple[float, float]:
@@ -160,7 +162,9 @@ class PatchyLandMasks:
         count = len(self.shares)
         # Without noise of its own, the first layer lies where the others have little.
         scores = np.zeros((count, self.rows, DIRECTIONS), np.float32)
-        green = np.array(self.is_green or (False,) * count)
+        green, snowy = (
+            np.array(each or (False,) * count) for each in (self.is_green, self.is_snowy)
+        )
         for tiles in self._tiles():
             self._add(tiles, list(scores[1:]))
         if green.any():
@@ -172,8 +176,9 @@ class PatchyLandMasks:
         shares = np.maximum(np.array(self.shares), MIN_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
         scores[np.array(self.shares) < MIN_SHARE] = NOWHERE
-        of_tufts = tuft_softness(self.sharpness, visible_share(self._cells_m))[:, None]
-        weights = weights_of(scores, self.softness, green, of_tufts)
+        visible = visible_share(self._cells_m) if green.any() else np.ones(self.rows)
+        of_tufts = tuft_softness(self.sharpness, visible)[:, None]
+        weights = weights_of(scores, self.softness, green | snowy, of_tufts)
         mean = np.array(self.shares, np.float32)[:, None, None]
         weights += (mean / mean.sum() - weights) * self._fade()[:, None]
         return weights

@@ -37,10 +37,10 @@ BLOCKS_M = (0.70, 0.26, 0.10, 0.038)
 JOINTS_RAD = (0.0, 1.9, 3.9)
 """Azimuths of the sets of joints, from the first: faces lean along them."""
 
-LEANS = (0.15, 0.23, 0.27, 0.26)
+LEANS = (0.12, 0.20, 0.25, 0.24)
 """Slopes of the faces of blocks, by size."""
 
-STEPS = (0.022, 0.026, 0.022, 0.016)
+STEPS = (0.018, 0.022, 0.020, 0.015)
 """Deviations of the heights of blocks, relative to their sizes."""
 
 TONES = (1.0, 0.7, 0.45, 0.3)

@@ -8,6 +8,7 @@ from oaisys_core.procedural.terrain.masks.cover import (
     WAVES_M,
     habitat,
     is_green,
+    is_snowy,
     tuft_deviation,
     tuft_softness,
     tufts,
@@ -94,3 +95,30 @@ def test_plants_on_the_land_have_the_shares_of_the_stage_near_and_far() -> None:
         assert weights[1, rows].mean() == pytest.approx(0.3, abs=0.1)
     crisp = (weights.max(axis=0) > 0.9).mean(axis=1)
     assert crisp[:50].mean() > 0.6, "tufts where cells are small"
+
+
+def test_snow_has_edges_where_stones_and_sand_mix() -> None:
+    mixed, clear = (
+        blend_masks(2, EXTENT_M, SIZE, np.random.default_rng(4), 9.0, 0.15, snowy=(False, is_snow))
+        for is_snow in (False, True)
+    )
+    between = [((each > 0.1) & (each < 0.9)).mean() for each in (mixed[1], clear[1])]
+    assert between[0] > 0.8
+    assert between[1] < 0.5 * between[0]
+    assert clear[1].mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_snow_on_the_land_has_edges() -> None:
+    extent_m = (-32.0, -32.0, 32.0, 32.0)
+    land = PatchyLandMasks(
+        extent_m, (0.6, 0.4), 9.0, 2.0, 3, sharpness=0.15, is_snowy=(False, True)
+    )
+    near = land.weights[1, : land.rows // 4]
+    assert ((near > 0.1) & (near < 0.9)).mean() < 0.45
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("snow", True), ("sastrugi", True), ("salt_crust", False)]
+)
+def test_snow_is_known_by_its_reflectance(name: str, expected: bool) -> None:
+    assert is_snowy(make_texture_set(name, 64, 0)) is expected
