@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery pictures site-pictures wheels bench test test-full soak bench-test fuzz lint lint-types lint-style lint-layers lint-contract format schema licences contract docs docs-serve clean
+.PHONY: help setup demo gallery pictures site-pictures wheels bench test test-full test-all soak bench-test fuzz lint lint-types lint-style lint-layers lint-contract format schema licences contract docs docs-serve clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -58,6 +58,9 @@ test: setup ## Run the tests but for the long ones (about 10 minutes on two core
 
 test-full: setup ## Run the long tests: every example, faults, both sizes of survey (about 17 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m long
+
+test-all: setup ## Run the tests of `make test` and of `make test-full` at once, which starts and ends one run
+	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not soak'
 
 soak: setup ## Run what repeats other tests for long: 10,000 requests, kills again and again, further presets, memory (half an hour or more)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m soak
