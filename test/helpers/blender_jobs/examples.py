@@ -20,10 +20,12 @@ MAX_THINGS = 3000
 MAX_VARIANTS = 2
 
 
-def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
+def rendered(paths: list[str], samples: int, backend: str = "blender") -> dict[str, dict[str, Any]]:
     """Render the first samples of each configuration, its images 48 pixels long."""
     configs = {Path(path).stem: load_config(Path(path)) for path in paths}
-    return {name: _rendered(_on_plain(config), samples) for name, config in configs.items()}
+    # Only then the backend: afterwards nobody knows any more what a file has given.
+    small_ones = {name: adjust(_on_plain(each), backend=backend) for name, each in configs.items()}
+    return {name: _rendered(each, samples) for name, each in small_ones.items()}
 
 
 def _on_plain(config: SimulationConfig) -> SimulationConfig:
