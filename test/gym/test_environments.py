@@ -261,7 +261,14 @@ def test_a_forked_process_ends_nothing_of_its_parents(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_process_left")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGKILL,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.soak),
+        pytest.param(signal.SIGHUP, marks=pytest.mark.soak),
+    ],
+)
 def test_a_killed_program_leaves_no_folder(number: signal.Signals, tmp_path: Path) -> None:
     begin, _, _ = FORK.partition("for end")
     code = f"{begin}\nprint(flush=True)\nimport time; time.sleep(1000)"

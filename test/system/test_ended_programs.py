@@ -79,7 +79,7 @@ def test_a_drive_that_is_ended_has_a_finished_bag(tmp_path: Path, number: signal
     [pytest.param(TERM, marks=pytest.mark.long), pytest.param(INT, marks=pytest.mark.soak)],
 )
 def test_a_gallery_that_is_ended_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
-    options = ("--out", tmp_path / "out", "--only", "stage_", "--backend", "analytic")
+    options = ("--out", tmp_path / "out", "--only", "stage_mo", "--backend", "analytic")
     process = begun(tmp_path, "tools.gallery", *options)
     wait_until(lambda: any((tmp_path / "out").glob("*.*")), START_PATIENCE_S, process=process)
     end(process, tmp_path, number)

@@ -62,7 +62,7 @@ def test_control_characters_of_others_do_not_reach_the_terminal() -> None:
 
 
 @pytest.mark.parametrize("module", ["gallery", "gallery.look_book", "gallery.imports", "bench"])
-@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize("closed", [pytest.param(">&-", marks=pytest.mark.soak), ">&- 2>&- <&-"])
 def test_tools_work_with_closed_streams(module: str, closed: str) -> None:
     """It was AttributeError: the process that waits for a child flushes its streams."""
     command = f"exec {sys.executable} -m tools.{module} --no-such-option {closed}"

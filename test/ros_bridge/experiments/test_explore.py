@@ -99,7 +99,7 @@ def test_views_are_flown_to_on_a_trajectory_topic(world, tmp_path, ros_domain_id
     assert flown["path_m"][1] >= np.linalg.norm(ends[1] - ends[0]) - 1e-6 > 0
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_views_without_ground_are_told_in_words(world, tmp_path, ros_domain_id):

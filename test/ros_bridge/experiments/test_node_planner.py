@@ -79,7 +79,7 @@ def test_planners_that_fail_are_marked_and_the_others_go_on(world, tmp_path, ros
     assert "did not choose a pose within 1 s" in (tmp_path / "out" / "report.html").read_text()
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_where_all_planners_fail_the_first_one_is_quoted(world, tmp_path, ros_domain_id):

@@ -214,6 +214,7 @@ def test_a_survey_whose_images_are_too_coarse_does_not_close(
     world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
     out = tmp_path / "out"
+    world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
     options = ("--backend", "analytic", "--views", "1", "--size", "24x18", "--no-bag")
     # Neither does it need colour.
     more = ("--quality", "geometry", "--no-faults", "--voxel-size", "0.3")
@@ -249,10 +250,11 @@ def test_wrong_input_is_exit_2_at_once(
 def test_a_grid_larger_than_the_stage_is_exit_2(
     world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
+    world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
     options = ("--backend", "analytic", "--altitude", "40", "--no-bag", "--size", "64x48")
     result = survey(world, tmp_path / "out", ros_domain_id, *options)
     assert result.returncode == 2, result.stderr
-    assert "30 m x 30 m" in result.stderr
+    assert "32 m x 32 m" in result.stderr
 
 
 @pytest.mark.long
@@ -301,8 +303,9 @@ def _read_until(readline: Callable[[], str], wanted: str) -> str:
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
     out = tmp_path / "out"
-    # Half as many pixels across show the few rocks too coarsely to be sure of their labels' IoU.
-    options = ("--views", "2", "--size", "320x240", "--altitude", "5", "--quality", "preview")
+    world.write_text(yaml.safe_dump({**MOUNDS, "backend": "blender"}), encoding="utf-8")
+    options = ("--seed", "1", "--views", "2", "--size", "160x120", "--quality", "preview")
+    options += ("--no-faults",)
     result = survey(world, out, ros_domain_id, *options)
     assert result.returncode == 0, result.stderr
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))

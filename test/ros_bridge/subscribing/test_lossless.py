@@ -277,13 +277,8 @@ EXPERIMENTS = {
 }
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param("survey", marks=pytest.mark.long),
-        pytest.param("explore", marks=pytest.mark.soak),
-    ],
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["survey", "explore"])
 def test_an_experiment_whose_recorder_loses_messages_says_so_and_fails(
     kind: str, tmp_path: Path, ros_domain_id: int, no_process_left: None
 ) -> None:

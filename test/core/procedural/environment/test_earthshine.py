@@ -33,6 +33,7 @@ def moon(longitude_deg: float, **sun: Any) -> Simulation:
                     "extent_m": 40.0,
                     "resolution_px": 33,
                     "body": "moon",
+                    "surroundings": "plain",
                 },
                 "materials": {"reflectance": "lambert"},
                 "assets": {"rocks": []},
