@@ -53,7 +53,9 @@ def end_of(folder: Path, module: str, number: signal.Signals, *arguments: str) -
 
 
 @pytest.mark.usefixtures("no_process_left")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.soak), signal.SIGINT]
+)
 @pytest.mark.parametrize(
     ("module", "command"),
     [

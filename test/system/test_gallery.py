@@ -27,7 +27,7 @@ def test_a_part_of_a_name_is_no_pattern() -> None:
         assert list(pictures(EXAMPLES, text, "analytic", "draft")) == []
 
 
-@pytest.mark.parametrize("text", ["**", "no such world"])
+@pytest.mark.parametrize("text", [pytest.param("**", marks=pytest.mark.soak), "no such world"])
 def test_a_text_that_is_in_no_name_is_refused(tmp_path: Path, text: str) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "tools.gallery", "--out", str(out), "--only", text]

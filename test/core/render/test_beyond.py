@@ -71,6 +71,8 @@ def world(**environment: Any) -> Simulation:
 
 SLOW = {"alpine", "badlands", "river_bed", "slab_dunes", "volcanic_field", "large_terrain"}
 """Presets that take seconds to make."""
+ALIKE = {"another_noise", "craters", "mountain_1"}
+"""Presets whose edges are as those of `mounds`, `crater_field` and `mountain_2`."""
 QUICK = {"canyon", "crater_field", "mounds", "plane"}
 """Presets of `make test`: walls, pits, hills, nothing."""
 
@@ -79,7 +81,7 @@ def preset_marks(preset: str) -> Any:
     """When what holds for all presets is seen for this one."""
     if preset in QUICK:
         return ()
-    return pytest.mark.soak if preset in SLOW else pytest.mark.long
+    return pytest.mark.soak if preset in SLOW | ALIKE else pytest.mark.long
 
 
 ALL_PRESETS = [pytest.param(preset, marks=preset_marks(preset)) for preset in sorted(PRESETS)]

@@ -73,7 +73,7 @@ def test_each_worker_sees_a_gpu_of_its_own(address: str) -> None:
     assert len({process for _, process in found}) == 5
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_two_workers_share_a_gpu_and_one_gets_two(address: str) -> None:
     assert all(gpus in "0123" for gpus, _ in tasks(address, 0.5, 4, 0.1))
     assert all(len(gpus.split(",")) == 2 for gpus, _ in tasks(address, 2.0, 2, 0.1))

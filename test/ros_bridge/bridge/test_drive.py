@@ -250,7 +250,7 @@ def test_a_drive_that_is_refused_or_fails_says_where(stage: Stage) -> None:
 
 @pytest.mark.long
 def test_a_recorded_drive_has_as_many_messages_as_were_due(stage: Stage, tmp_path: Path) -> None:
-    """Five seconds with 1000 inertial measurements in each, as fast as they can be published."""
+    """Three seconds with 1000 inertial measurements in each, as fast as they can be published."""
     server = stage.start_world(
         {**DRIVEN_WORLD, "sensors": {**DRIVEN_WORLD["sensors"], "imus": [{"rate_hz": 1000.0}]}}
     )
@@ -262,11 +262,11 @@ def test_a_recorded_drive_has_as_many_messages_as_were_due(stage: Stage, tmp_pat
     user.wait_until(lambda: "recording: " in recorder.log.read_text())
     user.wait_until_matched(["/imu/data_raw", "/tf", "/ground_truth/odometry", "/lidar/points"])
 
-    heights_m = [8.0, 9.0, 10.0, 11.0, 12.0, 13.0]
+    heights_m = [8.0, 9.0, 10.0, 11.0]
     status, result = Driver(user).drive(Drive.Goal(trajectory=upwards(heights_m)))
 
     assert (status, result.message) == (GoalStatus.STATUS_SUCCEEDED, "")
-    assert counts_of(result)["imu"] == 5000
+    assert counts_of(result)["imu"] == 3000
     assert recorder.end() == 0
     recorded = messages_of_samples(bag)
     # Path and viewpoints are published once more for a subscriber that is new.

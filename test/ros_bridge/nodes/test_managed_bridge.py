@@ -110,8 +110,13 @@ def test_it_goes_where_it_is_told(stage: Stage) -> None:
     assert "Traceback" not in bridge.log.read_text()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("state", [UNCONFIGURED, INACTIVE])
+@pytest.mark.parametrize(
+    "state",
+    [
+        pytest.param(UNCONFIGURED, marks=pytest.mark.soak),
+        pytest.param(INACTIVE, marks=pytest.mark.long),
+    ],
+)
 def test_a_shutdown_ends_the_process_before_it_was_active_too(stage: Stage, state: int) -> None:
     manager = Manager(stage.user)
     address = stage.start_world(FLAT_WORLD).address if state == INACTIVE else free_address()

@@ -88,8 +88,13 @@ def past(end_s: float) -> bool:
     return time.monotonic() > end_s
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("option", ["publish_clock:=true", "tf_rate:=0.0"])
+@pytest.mark.parametrize(
+    "option",
+    [
+        pytest.param("publish_clock:=true", marks=pytest.mark.long),
+        pytest.param("tf_rate:=0.0", marks=pytest.mark.soak),
+    ],
+)
 def test_nothing_is_repeated_without_time_or_rate(stage: Stage, option: str) -> None:
     user = stage.user
     user.listen(TFMessage, "/tf", TF_QOS)

@@ -42,7 +42,7 @@ FIRST = 2
 sent before it was there, and need not wait for them. It has taken them once it has the second."""
 PUBLISHED = FIRST + VIEWS + 1
 """Samples of a test with a node that is stopped in the middle."""
-MANY_VIEWS = 3 * VIEWS
+MANY_VIEWS = 2 * VIEWS
 """More than the middleware's shared memory keeps for a node that is stopped: 43 samples may fit."""
 MANY_PUBLISHED = FIRST + MANY_VIEWS + 1
 WAIT_S = 2.0

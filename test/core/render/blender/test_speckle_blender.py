@@ -70,7 +70,8 @@ def test_the_measure_counts_noise_and_neither_stones_nor_edges() -> None:
     [
         pytest.param("pools", (DUSK,), marks=pytest.mark.long),
         pytest.param("pools", (SUNNY,), marks=pytest.mark.soak),
-        pytest.param("ice", (SUNNY, DUSK), marks=pytest.mark.long),
+        pytest.param("ice", (DUSK,), marks=pytest.mark.long),
+        pytest.param("ice", (SUNNY,), marks=pytest.mark.soak),
     ],
 )
 def test_what_reflects_by_chance_is_as_smooth_as_with_many_samples(

@@ -167,8 +167,13 @@ def sunward(rng: np.random.Generator) -> FloatArray:
     return np.column_stack((across, np.cross(looking, across), looking))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("is_bent", [False, True], ids=["straight", "bent"])
+@pytest.mark.parametrize(
+    "is_bent",
+    [
+        pytest.param(False, marks=pytest.mark.soak, id="straight"),
+        pytest.param(True, marks=pytest.mark.long, id="bent"),
+    ],
+)
 def test_landmarks_reproject_in_colour(is_bent: bool) -> None:
     rng = np.random.default_rng(12)
     labs = [

@@ -28,7 +28,7 @@ def mirrored(angle_deg: float) -> float:
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize("elevation_deg", [15.0, 35.0, 60.0])
+@pytest.mark.parametrize("elevation_deg", [15.0, pytest.param(35.0, marks=pytest.mark.soak), 60.0])
 def test_the_sun_lights_the_bottom_of_shallow_water(elevation_deg: float) -> None:
     """It was black below 41 degrees: light from below was reflected in full, as in glass."""
     sun = replace(
