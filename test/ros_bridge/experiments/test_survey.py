@@ -26,7 +26,7 @@ pytestmark = pytest.mark.ros
 
 WORLD = """
 seed: 4
-stage: {extent_m: 30, resolution_px: 301}
+stage: {surroundings: plain, extent_m: 30, resolution_px: 301}
 materials: {texture_size_px: 64, mask: {size_px: 128}}
 assets: {rocks: [{count: [60, 60], size_m: [0.3, 1.0]}]}
 """
@@ -104,7 +104,7 @@ def test_a_survey_closes_and_leaves_everything_behind(
     world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
     out = tmp_path / "out"
-    options = ("--backend", "analytic", "--views", "6", "--size", "320x240", "--altitude", "7")
+    options = ("--backend", "analytic", "--views", "6", "--size", "240x180", "--altitude", "5.25")
     result = survey(world, out, ros_domain_id, *options)
     assert result.returncode == 0, result.stderr
     assert "the map agrees with the true surface" in result.stderr
@@ -133,7 +133,7 @@ def _check_first_picture(out: Path, figures: dict[str, Any], printed: str) -> No
     """It was written and told before the second view, and timed like the report."""
     path = out / "first_picture.png"
     image = cv2.imread(str(path))
-    assert image.shape == (240, 320, 3)
+    assert image.shape == (180, 240, 3)
     assert image.std() > 1
     told = f"first picture after {figures['seconds_to_first_picture']:.1f} s: {path}\n"
     assert told in printed
@@ -305,8 +305,7 @@ def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) 
     out = tmp_path / "out"
     world.write_text(yaml.safe_dump({**MOUNDS, "backend": "blender"}), encoding="utf-8")
     options = ("--seed", "1", "--views", "2", "--size", "160x120", "--quality", "preview")
-    options += ("--no-faults",)
-    result = survey(world, out, ros_domain_id, *options)
+    result = survey(world, out, ros_domain_id, *options, "--no-faults")
     assert result.returncode == 0, result.stderr
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert figures["backend"] == "blender"
