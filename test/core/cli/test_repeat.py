@@ -424,6 +424,7 @@ def test_blender_repeats_noise_light_and_additions(tmp_path: Path) -> None:
     camera = {**CAMERA, "width_px": 64, "height_px": 48, "lens": None, "shutter_share": 0.0}
     camera |= {"name": "left", "modalities": ["rgb", "depth", "semantic_0", "instance", "normal"]}
     config = {**WORLD, "backend": "blender", "render": {"quality": "preview"}}
+    config["stage"] = {**WORLD["stage"], "detail": {"radius_m": 2.0, "spacing_m": 0.1}}
     config["sensors"] = {"cameras": [camera], "faults": {"depth_noise": "kinect"}}
     add = "{slab1: {label: thing, semantic_id: 60, shape: slab, position_m: [2, 2, 4]}}"
     steps = [STEPS.strip(), f"- {{asset: {{add: {add}}}, environment: {{haze: null}}}}", ""]
