@@ -244,12 +244,12 @@ def test_topics_without_a_reader_are_named(stage: Stage, small_bag: Path) -> Non
         pytest.param(
             ["--wait-for", "1", "--delay", "0.1"],
             "waited 0.5 s for readers: 0 of 1 nodes are there",
-            marks=pytest.mark.long,
+            marks=pytest.mark.soak,
         ),
         pytest.param(
             ["--wait-for-topic", "/latched", "--delay", "0.1"],
             "waited 0.5 s for readers of /latched",
-            marks=pytest.mark.long,
+            marks=pytest.mark.soak,
         ),
         (["--delay", "0.5"], "was played to nobody: no topic had a reader"),
     ],

@@ -18,7 +18,7 @@ from oaisys_msgs.msg import SampleReceipt
 from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS
 
-pytestmark = [pytest.mark.ros, pytest.mark.long]
+pytestmark = pytest.mark.ros
 
 INFO = "/oaisys_bridge/sample_info"
 MISSED, SEEN = 3, 2
@@ -85,6 +85,7 @@ def start_bridge(stage: Stage, *parameters: str) -> NodeProcess:
     return bridge
 
 
+@pytest.mark.long
 def test_a_recorder_begun_before_the_bridge_says_what_it_missed_and_a_later_one_does_not(
     stage: Stage, recorders: Recorders
 ) -> None:
@@ -110,6 +111,7 @@ def test_a_recorder_begun_before_the_bridge_says_what_it_missed_and_a_later_one_
     assert f"{SEEN} samples, none of them incomplete" in later.log.read_text()
 
 
+@pytest.mark.soak
 def test_two_recorders_of_one_name_are_two_readers(stage: Stage, recorders: Recorders) -> None:
     """The faster one's receipts cleared what the stopped one owed: nobody was told."""
     bridge = start_bridge(stage, "readers.timeout_s:=1.0")
@@ -131,6 +133,7 @@ def test_two_recorders_of_one_name_are_two_readers(stage: Stage, recorders: Reco
     assert recorders.losses("second").announced == 9
 
 
+@pytest.mark.long
 def test_a_killed_recorder_is_dropped_and_the_other_one_of_its_name_stays(
     stage: Stage, recorders: Recorders
 ) -> None:
