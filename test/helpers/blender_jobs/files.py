@@ -64,6 +64,27 @@ def _driver(thing: Any, _: Path) -> None:
     thing.driver_add("location", 0).driver.expression = "len(str(frame)) * 2.0"
 
 
+def save_driven_blend(path: str, expression: str) -> None:
+    """Save a cube whose x scale and shape are driven by an expression; the saved values are 3."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    cube.shape_key_add(name="basis")
+    longer = cube.shape_key_add(name="longer")
+    for point in longer.data:
+        point.co.y *= 2
+    longer.slider_max = 5
+    # Out of the scene nothing is evaluated, so that the saved values stay.
+    bpy.context.scene.collection.objects.unlink(cube)
+    cube.use_fake_user = True
+    for curve in (cube.driver_add("scale", 0), longer.driver_add("value")):
+        curve.driver.type = "SCRIPTED"
+        curve.driver.expression = expression
+    cube.scale[0] = longer.value = 3.0
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
 def _image(thing: Any, path: Path) -> None:
     pixels = bpy.data.images.new("pixels", 4, 4)
     pixels.filepath_raw = str(path)
@@ -194,3 +215,24 @@ TEXTURED: dict[str, Callable[[Any, Path], None]] = {
     "plain": _plain,
 }
 """``plain`` is last, because the other formats are written of it."""
+
+
+def save_blend_with_image(path: str, image_file: str) -> None:
+    """Save a cube with an image as its colour, packed into the file; "": a generated one."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    if image_file:
+        image = bpy.data.images.load(image_file)
+        image.pack()
+    else:
+        image = bpy.data.images.new("generated", 4, 4)
+        image.generated_width = image.generated_height = 20_000
+    material = bpy.data.materials.new("textured")
+    material.use_nodes = True
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(tree.nodes["Principled BSDF"].inputs["Base Color"], node.outputs["Color"])
+    bpy.context.object.data.materials.append(material)
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -41,10 +41,16 @@ BLEND_REQUEST_TIMEOUT_S = 15.0
 MAX_BLEND_BYTES = 4_000_000_000
 """Size of the arrays of a mesh."""
 
-MAX_SLOW = 64
+READER_MEMORY_BYTES = 8_000_000_000
+"""What reading a file may take."""
+
+SLOW_S = 2.0
+"""A file that is refused after so long is refused at once from then on."""
+
+MAX_REFUSED = 64
 LOOK_S = 0.05
-_slow: OrderedDict[Version, None] = OrderedDict()
-"""Files that took too long, with their time and size: they are refused at once."""
+_refused: OrderedDict[Version, str] = OrderedDict()
+"""Such files, by path, time and size, and what was expected of them."""
 
 
 def load_by_blender(path: Path, object_name: str | None, field: str) -> LoadedMesh | list[str]:
@@ -95,26 +101,44 @@ def _read_blend(
         "out": str(out),
         "folders": [str(each) for each in folders_of(path)],
         "time_s": int(time_s) + 5,
+        "memory_bytes": READER_MEMORY_BYTES,
     }
     command = python_command("oaisys_core.render.blender.blend_program", json.dumps(task))
     version = version_of(path)
-    expected = f"a {path.suffix} file that loads within {time_s:g} s"
-    if version in _slow:
-        raise InvalidInputError(field, str(path), expected)
+    if version in _refused:
+        raise InvalidInputError(field, str(path), _refused[version])
+    begun_s = time.monotonic()
     with log.open("wb") as output:
         try:
             code = _code_of(command, output, folder, time_s)
         except subprocess.TimeoutExpired as error:
-            _slow[version] = None
-            while len(_slow) > MAX_SLOW:
-                _slow.popitem(last=False)
+            expected = f"a {path.suffix} file that loads within {time_s:g} s"
+            _remember(version, expected)
             raise InvalidInputError(field, str(path), expected) from error
+    if not code and out.exists():
+        return load_arrays(out, MAX_BLEND_BYTES)
     said = next((line for line in reversed(last_lines(log)) if "Error" in line), "no message")
     if "BackendUnavailableError" in said or "No module named 'bpy'" in said:
         raise BackendUnavailableError(f"{field}: {path} needs Blender: bpy is not installed")
-    if code or not out.exists():
-        raise InvalidInputError(field, str(path), f"a readable {path.suffix} file ({said})")
-    return load_arrays(out, MAX_BLEND_BYTES)
+    expected = f"a readable {path.suffix} file ({_reason(code, said)})"
+    if time.monotonic() - begun_s >= SLOW_S:
+        _remember(version, expected)
+    raise InvalidInputError(field, str(path), expected)
+
+
+def _remember(version: Version, expected: str) -> None:
+    """Have a file refused at once from now on: each time, others wait for its reader."""
+    _refused[version] = expected
+    while len(_refused) > MAX_REFUSED:
+        _refused.popitem(last=False)
+
+
+def _reason(code: int, said: str) -> str:
+    """Return why a reader found nothing, from its exit code and its last error."""
+    if code < 0:
+        name = signal.Signals(-code).name
+        return f"its reader, which may take {READER_MEMORY_BYTES} bytes, was ended by {name}"
+    return said.rpartition(f".{InvalidInputError.__name__}: ")[2]
 
 
 def _code_of(command: list[str], output: IO[bytes], folder: Path, time_s: float) -> int:

@@ -16,16 +16,13 @@ from pathlib import Path
 from oaisys_core.files.access_limits import limit_access, limit_resources
 from oaisys_core.system.ending.owner import follow_owner
 
-MEMORY_BYTES = 8_000_000_000
-"""What it may take, for one file."""
-
 
 def main() -> None:
     """Write the arrays of the mesh to a file; arguments as JSON on the command line."""
     follow_owner()
     task = json.loads(sys.argv[1])
     folders = tuple(map(Path, task["folders"]))
-    limit_resources(MEMORY_BYTES, task["time_s"])
+    limit_resources(task["memory_bytes"], task["time_s"])
     limit_access(folders, Path(task["out"]).parent)
     import numpy as np
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import signal
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from blender_process import in_blender
@@ -58,6 +62,55 @@ for attempt in (
 """
 
 
+HUGE_PX = 20_000
+
+
+def huge_png() -> bytes:
+    """A PNG of 50 KB: 400 million pixels of one bit, all black."""
+    header = struct.pack(">IIBBBBB", HUGE_PX, HUGE_PX, 1, 0, 0, 0, 0)
+    rows = zlib.compress(bytes((1 + HUGE_PX // 8) * HUGE_PX))
+    parts = ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in parts
+    )
+
+
+def huge_exr() -> bytes:
+    """An EXR file without pixels whose windows are huge."""
+
+    def attribute(name: str, kind: str, data: bytes) -> bytes:
+        head = f"{name}\0{kind}\0".encode()
+        return head + struct.pack("<i", len(data)) + data
+
+    channel = b"Y\0" + struct.pack("<iiii", 1, 0, 1, 1)
+    window = struct.pack("<4i", 0, 0, HUGE_PX - 1, HUGE_PX - 1)
+    return b"\x76\x2f\x31\x01\x02\0\0\0" + b"".join(
+        (
+            attribute("channels", "chlist", channel + b"\0"),
+            attribute("compression", "compression", b"\3"),
+            attribute("dataWindow", "box2i", window),
+            attribute("displayWindow", "box2i", window),
+            attribute("lineOrder", "lineOrder", b"\0"),
+            attribute("pixelAspectRatio", "float", struct.pack("<f", 1)),
+            attribute("screenWindowCenter", "v2f", bytes(8)),
+            attribute("screenWindowWidth", "float", struct.pack("<f", 1)),
+            b"\0",
+            struct.pack("<Q", 0) * -(-HUGE_PX // 16),
+        )
+    )
+
+
+HUGE = {
+    "png": huge_png,
+    "exr": huge_exr,
+    "hdr": lambda: (
+        f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {HUGE_PX} +X {HUGE_PX}\n".encode() + bytes(100)
+    ),
+}
+"""Images that are small as files and huge in memory, by their suffixes."""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     top = tmp_path_factory.mktemp("blend")
@@ -71,6 +124,30 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_file_with_a_driver_is_read(folder: Path) -> None:
     """Its reader hung at its end, in Blender's own destructors."""
     assert len(load_mesh(folder / "root" / "driver.blend").triangles) == 12
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize(
+    ("expression", "factor", "warned"),
+    [
+        ("len('abcd')", 3.0, 2),
+        ("[1 for _ in iter(int, 1)]", 3.0, 2),
+        ("frame * 0 + 2", 2.0, 0),
+    ],
+)
+def test_what_a_driver_of_python_drives_stays_as_it_is_saved(
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    expression: str,
+    factor: float,
+    warned: int,
+) -> None:
+    """Blender takes 0 for scripts that it may not run: the cube was flat, without a word."""
+    in_blender("files.save_driven_blend", str(tmp_path / "cube.blend"), expression)
+    mesh = load_mesh(tmp_path / "cube.blend")
+    size_m = np.ptp(mesh.vertices_m, axis=0)
+    np.testing.assert_allclose(size_m, (2 * factor, 2 * (1 + factor), 2), rtol=1e-6)
+    assert caplog.text.count("is not run: the saved value stays") == warned
 
 
 @pytest.mark.blender
@@ -112,8 +189,43 @@ def test_a_file_that_takes_too_long_is_given_up_and_then_refused_at_once(
             load_mesh(file)
         assert psutil.Process().children() == before
         monkeypatch.setattr(blender_files, "BLEND_REQUEST_TIMEOUT_S", 60.0)
-        with pytest.raises(InvalidInputError, match="loads within 60 s"):
+        with pytest.raises(InvalidInputError, match=r"loads within 0\.1 s"):
             load_mesh(file)
+
+
+def test_a_file_whose_reader_is_ended_late_is_then_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each view that asked for it again held everybody else up for as long again."""
+    codes = iter([-signal.SIGSEGV, -signal.SIGSEGV])
+    monkeypatch.setattr(blender_files, "_code_of", lambda *_: next(codes))
+    file = tmp_path / "grows.blend"
+    file.write_bytes(b"BLENDER")
+    expected = "its reader, which may take 8000000000 bytes, was ended by SIGSEGV"
+    for slow_s in (60.0, 0.0, 60.0, 60.0):  # one of each number of seconds calls a reader
+        monkeypatch.setattr(blender_files, "SLOW_S", slow_s)
+        with pytest.raises(InvalidInputError, match=expected):
+            load_mesh(file)
+    monkeypatch.setattr(blender_files, "_code_of", lambda *_: 1)
+    file.write_bytes(b"BLENDER, changed")
+    with pytest.raises(InvalidInputError, match="no message"):
+        load_mesh(file)
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("kind", ["png", "exr", "hdr", ""])
+def test_an_image_in_a_file_is_refused_before_it_is_decoded(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blender decodes an image, 4 bytes or floats a pixel, before it tells how large it is."""
+    monkeypatch.setattr(blender_files, "READER_MEMORY_BYTES", 1_000_000_000)
+    image = tmp_path / f"huge.{kind}"
+    if kind:
+        image.write_bytes(HUGE[kind]())
+    blend = tmp_path / "cube.blend"
+    in_blender("files.save_blend_with_image", str(blend), str(image) if kind else "")
+    with pytest.raises(InvalidInputError, match="at most 67108864 pixels, not 20000 x 20000"):
+        load_mesh(blend)
 
 
 @pytest.mark.blender

@@ -1,6 +1,6 @@
 """Reads a mesh from a .blend, COLLADA or USD file, in a process of its own, `blend_program`.
 
-Scripts and drivers of Python in the file are not run.
+Scripts and drivers of Python in the file are not run; what such a driver drives stays as saved.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
+from oaisys_core.render.blender.objects.blend_drivers import mute_python_drivers
 from oaisys_core.render.blender.objects.blend_materials import BlendMaterial, read_material
 from oaisys_core.render.blender.objects.usd_references import USD_SUFFIXES, references_of
 
@@ -57,6 +58,7 @@ def read_by_blender(
     outside = _outside(path, folders)
     if outside is not None:
         return {"outside": np.array(outside)}
+    warnings += mute_python_drivers()
     warnings += replace_random_textures()
     things = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
     chosen = [thing for thing in things if object_name in ("", thing.name)]

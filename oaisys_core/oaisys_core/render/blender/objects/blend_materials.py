@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.color import encode_srgb, srgb
-from oaisys_core.files.image_formats.images import MESH_TEXTURE
+from oaisys_core.color import srgb
 from oaisys_core.procedural.meshes.cut_outs import cut_out
+from oaisys_core.render.blender.objects.blend_images import image_pixels
 from oaisys_core.scene import MeshMaterial, Wrap
 
 WRAPS: dict[str, Wrap] = {"EXTEND": "clamp", "CLIP": "clamp", "MIRROR": "mirror"}
@@ -201,19 +201,3 @@ def _transparent_input(mixed: Any) -> int:
         if links and links[0].from_node.type == "BSDF_TRANSPARENT":
             return index
     return 0
-
-
-def image_pixels(image: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None:
-    """Return (H, W, 3) colours in sRGB and (H, W) alpha of an image; None: it is missing."""
-    if image is None or (not image.has_data and not image.pixels):
-        return None
-    width, height = image.size
-    MESH_TEXTURE.check(width, height, image.name)
-    values = np.empty(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(values)
-    pixels = np.clip(values.reshape(height, width, -1)[::-1], 0, 1)
-    rgb = pixels[..., :3] if image.channels >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
-    is_linear = image.is_float or image.colorspace_settings.is_data
-    colors = encode_srgb(rgb) if is_linear else np.rint(rgb * 255).astype(np.uint8)
-    alpha = np.rint(pixels[..., 3] * 255).astype(np.uint8) if image.channels == 4 else None
-    return np.ascontiguousarray(colors), alpha

@@ -1,0 +1,84 @@
+"""Pixels of the images in a .blend file: those packed into it, beside it, or made by Blender."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.color import encode_srgb
+from oaisys_core.files.image_formats.image_headers import image_size
+from oaisys_core.files.image_formats.images import MESH_TEXTURE, read_file
+from oaisys_core.files.image_formats.radiance import radiance_header
+
+_EXR_START = b"\x76\x2f\x31\x01"
+
+
+def image_pixels(image: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None:
+    """Return (H, W, 3) colours in sRGB and (H, W) alpha of an image; None: it is missing.
+
+    Raises:
+        InvalidInputError: It has too many pixels; none of them is decoded.
+    """
+    if image is None:
+        return None
+    _check_size(image)
+    if not image.has_data and not image.pixels:
+        return None
+    width, height = image.size
+    MESH_TEXTURE.check(width, height, image.name)
+    values = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    pixels = np.clip(values.reshape(height, width, -1)[::-1], 0, 1)
+    rgb = pixels[..., :3] if image.channels >= 3 else np.repeat(pixels[..., :1], 3, axis=2)
+    is_linear = image.is_float or image.colorspace_settings.is_data
+    colors = encode_srgb(rgb) if is_linear else np.rint(rgb * 255).astype(np.uint8)
+    alpha = np.rint(pixels[..., 3] * 255).astype(np.uint8) if image.channels == 4 else None
+    return np.ascontiguousarray(colors), alpha
+
+
+def _check_size(image: Any) -> None:
+    """Raise if an image has too many pixels: by its header, since Blender decodes to tell."""
+    if image.source == "GENERATED":
+        MESH_TEXTURE.check(image.generated_width, image.generated_height, image.name)
+    for data in _files_of(image):
+        try:
+            sizes = list(_sizes(data))
+        except (OSError, RuntimeError, ValueError, TypeError, KeyError):
+            continue  # a format that only Blender knows, within its reader's memory and time
+        for width, height in sizes:
+            MESH_TEXTURE.check(width, height, image.name)
+
+
+def _sizes(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield the width and height of each image in a file."""
+    if data.startswith(b"#?"):
+        header = radiance_header(data)
+        yield header.width, header.height
+    elif data.startswith(_EXR_START):
+        import OpenEXR
+
+        with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
+            for part in file.parts:
+                low, high = (np.asarray(at, np.int64) for at in part.header["dataWindow"])
+                width, height = (high - low + 1).tolist()
+                yield width, height
+    else:
+        yield image_size(data)
+
+
+def _files_of(image: Any) -> list[bytes]:
+    """Return the contents of the files of an image, packed or beside the .blend file."""
+    if image.packed_files:
+        return [bytes(each.packed_file.data) for each in image.packed_files if each.packed_file]
+    if not image.filepath:
+        return []
+    numbers = [str(tile.number) for tile in image.tiles] or [""]
+    names = [image.filepath.replace("<UDIM>", number) for number in numbers]
+    paths = [Path(bpy.path.abspath(name, library=image.library)) for name in names]
+    return [read_file(path, MESH_TEXTURE) for path in paths if path.is_file()]
