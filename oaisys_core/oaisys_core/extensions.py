@@ -25,7 +25,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from oaisys_core.errors import ConfigError, one_of, quote
+from oaisys_core.errors import ConfigError, ShortageError, one_of, quote
 
 MODULES = "oaisys.modules"
 STAGES = "oaisys.stages"
@@ -55,6 +55,7 @@ def load(group: str, name: str) -> Any:
     Raises:
         ConfigError: There is none, there are several, or it cannot be imported. The message names
             the package.
+        ShortageError: The machine lacks what it needs, as it says itself.
     """
     found = list({entry.value: entry for entry in entry_points(group=group, name=name)}.values())
     if not found:
@@ -65,6 +66,8 @@ def load(group: str, name: str) -> Any:
         raise ConfigError(f"{group}: {quote(name)} is ambiguous: {candidates}")
     try:
         return found[0].load()
+    except ShortageError:  # of the machine, which says nothing about the package
+        raise
     # A broken package may raise anything when it is imported.
     except Exception as error:
         text = f"{group}: {_describe(found[0])} cannot be imported: {quote(error)}"

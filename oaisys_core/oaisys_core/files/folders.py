@@ -106,3 +106,21 @@ def user_path(text: str | Path, field: str) -> Path:
         name = path.parts[0][1:]
         expected = f"~NAME of a user of this machine, not {name!r}" if name else "no ~ without HOME"
         raise InvalidInputError(field, str(path), expected) from None
+
+
+def user_file(text: str, field: str, suffixes: tuple[str, ...]) -> Path:
+    """Return the path of a file to write, as `user_path`; its suffix says what is written.
+
+    Args:
+        text: The path.
+        field: What the user calls it, in errors.
+        suffixes: Those of the formats that can be written, in lower case.
+
+    Raises:
+        InvalidInputError: The path has none of them, in any case, or `user_path` raises it.
+    """
+    path = user_path(text, field)
+    if path.suffix.lower() not in suffixes:
+        expected = f"a file whose name ends with {' or '.join(suffixes)}"
+        raise InvalidInputError(field, text, expected)
+    return path

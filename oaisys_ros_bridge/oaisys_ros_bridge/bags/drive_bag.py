@@ -15,6 +15,7 @@ from oaisys_core.drive.outputs import DriveDescription, StreamCount
 from oaisys_core.errors import OaisysError
 from oaisys_core.sensing.faults import odometry_covariance
 from oaisys_core.types import ODOMETRY, DriveInstant, Twist, semantic_level
+from oaisys_ros_bridge import ros_loading  # noqa: F401  # before what loads rclpy
 from oaisys_ros_bridge.bags.bag_publishers import BagPublishers
 from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.bags.writing import BagWriter

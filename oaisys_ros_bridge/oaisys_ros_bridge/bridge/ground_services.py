@@ -12,7 +12,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.files.folders import user_path
+from oaisys_core.files.folders import user_file
 from oaisys_core.geometry import places
 from oaisys_core.types import FloatArray, Georeference, TriangleMesh
 from oaisys_mapping.evaluation.truth_io import write_truth
@@ -26,6 +26,8 @@ MAX_POINTS = 1_000_000
 """Of one request."""
 MAX_MESH_BYTES = 1_000_000_000
 """Of a mesh in an answer; a larger one is written to a file."""
+TRUTH_SUFFIXES = (".ply",)
+"""Of that file."""
 
 
 class GroundServices:
@@ -91,7 +93,7 @@ class GroundServices:
         names = sorted(link.info.semantic_labels.items())
         response.labels = [SemanticLabel(id=i, name=name) for i, name in names]
         if request.path:
-            path = user_path(request.path, "path")
+            path = user_file(request.path, "path", TRUTH_SUFFIXES)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_truth(path, mesh)
         else:

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
-from oaisys_core.files.folders import user_path
+from oaisys_core.files.folders import user_file, user_path
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.mesh_io import write_ply
 from oaisys_msgs.msg import MapStatus
@@ -43,8 +43,9 @@ from oaisys_ros_bridge.timers import steady_timer
 if TYPE_CHECKING:
     from oaisys_mapping.tsdf import TsdfVolume
 
+MESH_SUFFIX = ".ply"
 VOLUME_SUFFIX = ".npz"
-"""Suffix with which ``~/save_mesh`` writes the whole volume instead of its mesh."""
+"""Suffixes with which ``~/save_mesh`` writes the mesh, or the whole volume."""
 
 ANSWER_S = 3.0
 """For the bridge to say which sample is the last."""
@@ -153,16 +154,17 @@ class MapperNode(ParameterNode, Node):
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:
-            path = user_path(request.path, "path")
+            path = user_file(request.path, "path", (MESH_SUFFIX, VOLUME_SUFFIX))
+            is_volume = path.suffix.lower() == VOLUME_SUFFIX
             with self._settle() as volume:
                 views = self._fusion.views
                 if not views:
                     raise NotReadyError("nothing has been mapped yet")
                 mesh = volume.extract_mesh()
                 path.parent.mkdir(parents=True, exist_ok=True)
-                if path.suffix == VOLUME_SUFFIX:
+                if is_volume:
                     volume.save(path)
-            if path.suffix != VOLUME_SUFFIX:
+            if not is_volume:
                 write_ply(
                     path, mesh, self._inputs.class_names if mesh.class_ids is not None else None
                 )

@@ -151,6 +151,11 @@ def test_the_true_mesh_comes_in_the_answer_and_as_a_file(
     assert short.success, short.message
     assert (len(short.vertices), short.triangle_count) == (0, len(mesh.triangles))
     np.testing.assert_array_equal(read_truth(file).triangles, mesh.triangles)
+    request = GetGroundTruthMesh.Request(path=str(tmp_path / "truth.npz"))
+    refused = user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request)
+    assert not refused.success
+    assert "expected a file whose name ends with .ply" in refused.message
+    assert not (tmp_path / "truth.npz").exists()
     request = GetGroundTruthMesh.Request(path="/proc/nowhere/truth.ply")
     assert not user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request).success
     # A folder called "~nosuchuser" was made where the bridge had been started.

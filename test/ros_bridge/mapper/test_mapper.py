@@ -291,6 +291,21 @@ def test_an_empty_map_replaces_no_mesh(peer: Peer, tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["m.ply"]
 
 
+def test_a_mesh_goes_only_into_a_file_of_its_format(peer: Peer, tmp_path: Path) -> None:
+    """A file called .obj was a PLY file, with success; so was one called .NPZ."""
+    peer.show_all()
+    for name in ("m.obj", "m.glb", "m", "m.ply.gz"):
+        path = str(tmp_path / name)
+        refused = peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=path))
+        expected = f"path: received {path!r}, expected a file whose name ends with .ply or .npz"
+        assert (refused.success, refused.message) == (False, expected)
+    for name, begin in (("m.PLY", b"ply\n"), ("m.NPZ", b"PK")):
+        path = str(tmp_path / name)
+        assert peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=path)).success
+        assert (tmp_path / name).read_bytes().startswith(begin)
+    assert {each.name for each in tmp_path.iterdir()} == {"m.PLY", "m.NPZ"}
+
+
 class LateBridge:
     """A bridge whose second sample is published after what it says of it."""
 

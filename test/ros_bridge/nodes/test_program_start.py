@@ -78,6 +78,38 @@ def test_full_shared_memory_is_a_sentence(start: list[str], tmp_path: Path) -> N
     assert len(ended.stderr.splitlines()) == 1
 
 
+DRIVE = """\
+stage: {extent_m: 24, resolution_px: 33}
+assets: {rocks: []}
+sensors:
+  cameras:
+  - {width_px: 64, height_px: 48, modalities: [depth], rate_hz: 2, mount_position_m: [0, 0, 2]}
+render: {quality: geometry}
+drive: {vehicle: {kind: rover}, waypoints_m: [[-4, -3], [3, 2]], duration_s: 1}
+"""
+
+
+def test_full_shared_memory_is_a_sentence_of_commands_that_load_ros(tmp_path: Path) -> None:
+    """`oaisys drive` and `oaisys repeat BAG` were ended by SIGBUS, the former after the drive."""
+    if subprocess.run([*PRIVATE, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this user must not mount a file system")
+    (tmp_path / "drive.yaml").write_text(DRIVE)
+    drive = ["drive", "--config", "drive.yaml", "--backend", "analytic", "--out"]
+    program = [sys.executable, "-P", "-m", "oaisys_core"]
+    subprocess.run([*program, *drive, "whole"], cwd=tmp_path, check=True, capture_output=True)
+    for arguments in ([*drive, "out"], ["repeat", "whole/bag"]):
+        ended = subprocess.run(
+            [*PRIVATE, "sh", "-c", FULL, "--", *program, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+        )
+        assert ended.returncode == 1, ended.stderr
+        expected = "oaisys: /dev/shm is full: ROS cannot be loaded without shared memory"
+        assert expected in ended.stderr.splitlines()
+
+
 def test_a_full_folder_is_no_lack_where_lttng_has_its_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ from oaisys_core.types import (
     modality_spec,
 )
 from oaisys_msgs.msg import SampleInfo, SensorPose
+from oaisys_ros_bridge import ros_loading  # noqa: F401  # before what loads rclpy
 from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.conversions import image_from_msg, pose_from_msg
 from oaisys_ros_bridge.publishing.sample_info import outline_from_msg
