@@ -15,10 +15,13 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.errors import InvalidInputError, did_you_mean, one_of, quote
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
+from oaisys_ros_bridge.private.started_parameters import started_parameters
 
 LARGEST_INTEGER = 2**63 - 1
+QOS_PREFIX = "qos_overrides."
+"""Of parameters that rclpy declares with a publisher or subscription."""
 PARAMETER_TYPES = {
     bool: Parameter.Type.BOOL,
     int: Parameter.Type.INTEGER,
@@ -86,7 +89,18 @@ class ParameterNode(Node):
         self._table = table
         self.parameters = values
         self.add_post_set_parameters_callback(self._take)
+        self._warn_of_unknown_parameters()
         return values
+
+    def _warn_of_unknown_parameters(self) -> None:
+        """Name what the node was started with and does not have: rclpy drops it.
+
+        It is no error, because a file of parameters may be for several nodes.
+        """
+        for name in started_parameters(self):
+            if not self.has_parameter(name) and not name.startswith(QOS_PREFIX):
+                meant = did_you_mean(name, [row.name for row in self._table])
+                self.get_logger().warning(f"parameter {quote(name)} is unknown here{meant}")
 
     def reason_against(self, row: ParameterRow) -> str:
         """Return why a parameter cannot be set now, or nothing."""

@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 import pytest
+import rclpy
 from rcl_interfaces.msg import Parameter, ParameterDescriptor
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter as RclpyParameter
@@ -16,6 +17,8 @@ from served_simulator import FLAT_WORLD
 from waiting import PATIENCE_S
 
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
+from oaisys_ros_bridge.parameters.mapper import MAPPER
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
 
 pytestmark = pytest.mark.ros
@@ -137,3 +140,18 @@ def test_a_node_does_not_start_with_a_wrong_value(ros_domain_id: int) -> None:
 
     assert ended.returncode == 2
     assert ended.stderr.strip() == "timeout_s: received -1.0, expected double from 0.1 to 86400 s"
+
+
+@pytest.mark.usefixtures("ros_domain_id")
+def test_parameters_that_a_node_does_not_have_are_named(capfd: pytest.CaptureFixture[str]) -> None:
+    """A misspelt parameter was dropped without a word, and its default counted."""
+    given = ["voxelsize:=0.3", "voxel_size:=0.4", "use_sim_time:=false", "qos_overrides./x.y:=1"]
+    rclpy.init(args=["node", "--ros-args", *(part for each in given for part in ("-p", each))])
+    try:
+        node = ParameterNode("node")
+        assert node.declare_table(MAPPER)["voxel_size"] == 0.4
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "parameter" in line]
+    assert line.endswith("parameter 'voxelsize' is unknown here (did you mean voxel_size?)")

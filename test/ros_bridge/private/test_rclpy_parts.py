@@ -21,11 +21,13 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.nodes.managed_node import ManagedNode
 from oaisys_ros_bridge.nodes.node_process import WaitingExecutor
 from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.private import (
     argument_errors,
     executor_threads,
     later_answers,
     lifecycle,
+    started_parameters,
     waiting_messages,
 )
 from oaisys_ros_bridge.services import RequestQueue, close_queues
@@ -186,3 +188,17 @@ def test_without_rclpys_errors_wrong_arguments_are_still_refused(
                 rclpy.init(args=["node", *wrong])
     (line,) = fallback_lines()
     assert "rclpy's errors cannot be used" in line
+
+
+def test_without_what_a_node_was_started_with_it_starts(
+    ros_domain_id: int, monkeypatch: pytest.MonkeyPatch, fallback_lines: Lines
+) -> None:
+    monkeypatch.setattr(started_parameters, "OVERRIDES", "gone")
+    rclpy.init(args=["node", "--ros-args", "-p", "voxelsize:=0.3"])
+    node = ParameterNode("node")
+    for _ in range(2):
+        assert started_parameters.started_parameters(node) == ()
+    node.destroy_node()
+    rclpy.shutdown()
+    (line,) = fallback_lines()
+    assert "rclpy's parameters cannot be used (a node has no gone)" in line
