@@ -236,3 +236,19 @@ def save_blend_with_image(path: str, image_file: str) -> None:
     bpy.context.object.data.materials.append(material)
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save_instances(path: str) -> None:
+    """Save a cube, an empty that shows it again 5 m away, a text, and what has no surface."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    shown = bpy.data.collections.new("shown")
+    shown.objects.link(bpy.context.object)
+    bpy.ops.object.collection_instance_add(collection="shown", location=(5, 0, 0))
+    bpy.context.object.name = "again"
+    bpy.ops.object.text_add()
+    bpy.ops.curve.primitive_bezier_circle_add()
+    bpy.ops.object.light_add()
+    bpy.ops.object.empty_add()
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)

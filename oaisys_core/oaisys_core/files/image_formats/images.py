@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +23,11 @@ from oaisys_core.files.image_formats.image_headers import (
     values_of,
 )
 from oaisys_core.files.image_formats.orientation import exif_orientation, upright
+from oaisys_core.files.image_formats.pictures import count_pictures
 from oaisys_core.files.image_formats.radiance import has_new_runs, plain_radiance, radiance_header
 from oaisys_core.types import MAX_IMAGE_PX
+
+LOG = logging.getLogger(__name__)
 
 BYTES_PER_PIXEL = 16
 """Of a file: four channels of 32 bits, uncompressed."""
@@ -126,6 +130,7 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
         # Coordinates of a mesh's textures are those of the pixels as they are stored.
         orientation = 1 if use is MESH_TEXTURE else exif_orientation(data)
         transparent = png_transparent(data) if is_png(data) else None
+        check_pictures(data, use, name)
     except ValueError as error:
         raise use.refusal(name, error) from error
     use.check(*size, name)
@@ -146,6 +151,20 @@ def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = Non
     if flags is None or image.ndim == 2:
         return image
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
+
+
+def check_pictures(data: bytes, use: ImageUse, name: str) -> None:
+    """Warn of a file with several pictures, pages or frames; of ids and heights none can be meant.
+
+    Raises:
+        InvalidInputError: The file has several, and pixels are numbers.
+    """
+    count = count_pictures(data)
+    if count == 1:
+        return
+    if use.is_of_numbers:
+        raise InvalidInputError(use.field, name, f"{use.name} of one picture, not of {count}")
+    LOG.warning("%s: it has %d pictures, of which the first is read", name, count)
 
 
 def _with_alpha(image: NDArray[Any], transparent: list[int]) -> NDArray[Any]:

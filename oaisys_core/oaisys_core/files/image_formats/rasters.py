@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import BYTES_PER_PIXEL, ImageUse, read_file
+from oaisys_core.files.image_formats.images import (
+    BYTES_PER_PIXEL,
+    ImageUse,
+    check_pictures,
+    read_file,
+)
 
 MAX_BANDS = 64
 """Bands of a raster."""
@@ -113,6 +118,8 @@ def open_raster(
     if not data:  # which rasterio would take for a file to write
         raise use.refusal(shown, ValueError("it is empty"))
     _check_alone(data, use, shown)
+    if use.is_of_numbers:  # of pictures, whoever decodes them tells
+        check_pictures(data, use, shown)
     try:
         with (
             Env(**_ALONE),

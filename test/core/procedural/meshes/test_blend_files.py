@@ -151,6 +151,21 @@ def test_what_a_driver_of_python_drives_stays_as_it_is_saved(
 
 
 @pytest.mark.blender
+def test_surfaces_of_a_file_that_are_not_read_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    in_blender("files.save_instances", str(tmp_path / "scene.blend"))
+    assert len(load_mesh(tmp_path / "scene.blend").triangles) == 12
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == 2
+    assert "'Text' is left out: a font is no mesh" in told[0]
+    assert "what 'again' shows as instances is left out" in told[1]
+    caplog.clear()
+    assert len(load_mesh(tmp_path / "scene.blend", "Cube").triangles) == 12
+    assert not caplog.records
+
+
+@pytest.mark.blender
 @pytest.mark.parametrize(
     ("kind", "name"),
     [

@@ -6,6 +6,7 @@ Scripts and drivers of Python in the file are not run; what such a driver drives
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,12 @@ from oaisys_core.render.blender.objects.usd_references import USD_SUFFIXES, refe
 
 RANDOM_CELL = 1e-3
 """Size of the cells, in a texture's coordinates, of the noise that replaces random numbers."""
+
+OTHER_SURFACES = ("CURVE", "SURFACE", "META", "FONT")
+"""Types of objects that may have faces and are not read."""
+
+MAX_INSTANCES = 100_000
+"""Instances that are looked at."""
 
 READING_NODES = "GeometryNodeImport"
 """Start of the names of geometry nodes that read files, whose paths may be computed."""
@@ -70,6 +77,7 @@ def read_by_blender(
         found = [_part(thing, []) for thing in things if thing not in chosen]
         names = sorted(part.name for part in found if len(part.triangles))
         return {"names": np.array(names, dtype=np.str_)}
+    warnings += _left_out(chosen if object_name else list(bpy.context.scene.objects))
     texts = np.array(list(dict.fromkeys(warnings)), dtype=np.str_)
     return {**mesh_to_arrays(merge_parts(path.stem, parts)), "warnings": texts}
 
@@ -156,6 +164,30 @@ def _random_shape(things: list[Any]) -> str | None:
                 f" {', '.join(names)} in Blender"
             )
     return None
+
+
+def _left_out(things: list[Any]) -> list[str]:
+    """Return warnings of surfaces that are not read: of other types, and shown by instances."""
+    others = [thing for thing in things if thing.type in OTHER_SURFACES and _has_faces(thing)]
+    names = {thing.name for thing in things} - {thing.name for thing in others}
+    instances = bpy.context.evaluated_depsgraph_get().object_instances
+    parents = {each.parent.name for each in islice(instances, MAX_INSTANCES) if each.is_instance}
+    return [
+        f"{thing.name!r} is left out: a {thing.type.lower()} is no mesh (convert it in Blender)"
+        for thing in others
+    ] + [
+        f"what {name!r} shows as instances is left out (make them real in Blender)"
+        for name in sorted(parents & names)
+    ]
+
+
+def _has_faces(thing: Any) -> bool:
+    """Return whether a curve or the like is more than a line, as it is where it guides others."""
+    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    found = evaluated.to_mesh()
+    has_faces = found is not None and len(found.polygons) > 0
+    evaluated.to_mesh_clear()
+    return has_faces
 
 
 def _vertices(thing: Any) -> NDArray[np.float32]:
