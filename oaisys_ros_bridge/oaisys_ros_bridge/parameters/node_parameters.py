@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 
 from oaisys_core.errors import InvalidInputError, did_you_mean, one_of, quote
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
-from oaisys_ros_bridge.private.started_parameters import started_parameters
+from oaisys_ros_bridge.private.parameters_at_start import parameters_at_start
 
 LARGEST_INTEGER = 2**63 - 1
 QOS_PREFIX = "qos_overrides."
@@ -97,7 +97,7 @@ class ParameterNode(Node):
 
         It is no error, because a file of parameters may be for several nodes.
         """
-        for name in started_parameters(self):
+        for name in parameters_at_start(self):
             if not self.has_parameter(name) and not name.startswith(QOS_PREFIX):
                 meant = did_you_mean(name, [row.name for row in self._table])
                 self.get_logger().warning(f"parameter {quote(name)} is unknown here{meant}")

@@ -27,7 +27,7 @@ from oaisys_ros_bridge.private import (
     executor_threads,
     later_answers,
     lifecycle,
-    started_parameters,
+    parameters_at_start,
     waiting_messages,
 )
 from oaisys_ros_bridge.services import RequestQueue, close_queues
@@ -193,11 +193,11 @@ def test_without_rclpys_errors_wrong_arguments_are_still_refused(
 def test_without_what_a_node_was_started_with_it_starts(
     ros_domain_id: int, monkeypatch: pytest.MonkeyPatch, fallback_lines: Lines
 ) -> None:
-    monkeypatch.setattr(started_parameters, "OVERRIDES", "gone")
+    monkeypatch.setattr(parameters_at_start, "OVERRIDES", "gone")
     rclpy.init(args=["node", "--ros-args", "-p", "voxelsize:=0.3"])
     node = ParameterNode("node")
     for _ in range(2):
-        assert started_parameters.started_parameters(node) == ()
+        assert parameters_at_start.parameters_at_start(node) == ()
     node.destroy_node()
     rclpy.shutdown()
     (line,) = fallback_lines()

@@ -18,7 +18,7 @@ OVERRIDES = "_parameter_overrides"
 """Name of the attribute: a mapping by parameter."""
 
 
-def started_parameters(node: Node) -> Iterable[str]:
+def parameters_at_start(node: Node) -> Iterable[str]:
     """Return the names in a node's arguments and files of parameters; none where rclpy hides it."""
     found = getattr(node, OVERRIDES, None)
     if not isinstance(found, dict):
