@@ -47,13 +47,6 @@ def voronoi(
     return np.asarray(nearest.reshape(x.shape), np.int64)
 
 
-def intersect(first: Ids, second: Ids) -> Ids:
-    """Return the (N, N) ids of the intersections of two sets of cells."""
-    pair = first * (int(second.max()) + 1) + second
-    number = np.unique(pair, return_inverse=True)[1]
-    return np.asarray(number.reshape(first.shape), np.int64)
-
-
 def border_distance(ids: Ids, keep: NDArray[np.bool_] | None = None) -> Field:
     """Return (N, N) distances in pixels to the nearest cell border, across the tile's edges too.
 
@@ -124,22 +117,3 @@ def facet_heights(
     x, y = from_centre(ids)
     along, across = slope.astype(np.float32)
     return np.asarray(along[ids] * x + across[ids] * y, np.float32)
-
-
-def joint_blocks(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend: float) -> Ids:
-    """Return the (N, N) ids of the blocks between two perpendicular sets of joints.
-
-    Args:
-        size_px: Edge length of the tile.
-        sets: Coprime a and b: one set of joints has a waves along x and b along y, the other -b
-            along x and a along y, so that there are a**2 + b**2 blocks on the tile.
-        rng: Draws the bends of the joints.
-        bend: Strength of the bends, in tile edges.
-    """
-    a, b = sets
-    x, y = fields.unit_grid(size_px, 1)
-    x, y = fields.warp(x, y, 2, rng, bend, 3.2)
-    first = np.floor(a * x + b * y).astype(np.int64)
-    second = np.floor(a * y - b * x).astype(np.int64)
-    # Wrapping around the tile maps (i, j) to (i + a, j - b) or (i + b, j + a), the same block.
-    return np.asarray((b * first + a * second) % (a * a + b * b), np.int64)

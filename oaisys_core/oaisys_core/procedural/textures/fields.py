@@ -79,18 +79,6 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
     return np.asarray(np.clip(1 - (second - nearest) / width, 0, 1), np.float32)
 
 
-def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
-    """Return (N, N) tileable wavy layers of -1 to 1 along the rows, ``bands`` of them."""
-    x, y = unit_grid(size_px, 4)
-    _, y = warp(x, y, 4, rng, 0.15)
-    profile = np.interp(
-        np.linspace(0, bands, 512, endpoint=False),
-        np.arange(bands + 1),
-        np.append(levels := rng.uniform(-1, 1, bands), levels[0]),
-    )
-    return np.asarray(profile[np.floor(y / 4 * 512).astype(np.int64) % 512], np.float32)
-
-
 def ripples(size_px: int, waves: tuple[int, int], rng: np.random.Generator, bend: float) -> Field:
     """Return (N, N) tileable waves of -1 to 1, with ``waves`` of them along x and y.
 

@@ -22,15 +22,6 @@ def test_unbent_cells_are_a_voronoi_diagram() -> None:
     assert (ids.ravel() == nearest).mean() > 0.999
 
 
-def test_crossed_cells_are_the_pairs() -> None:
-    y, x = np.mgrid[:8, :8]
-    ids = cells.intersect(x // 4, y // 2)
-    assert len(np.unique(ids)) == 8
-    for number in range(8):
-        assert len(np.unique((x // 4)[ids == number])) == 1
-        assert len(np.unique((y // 2)[ids == number])) == 1
-
-
 def test_border_distance_goes_around_the_tile() -> None:
     ids = cells.voronoi(SIZE, 4, np.random.default_rng(2))
     distance = cells.border_distance(ids)
@@ -68,15 +59,3 @@ def test_tilted_cells_are_planes() -> None:
     bend = np.roll(height, 1, 1) - 2 * height + np.roll(height, -1, 1)
     assert np.abs(bend[inside]).max() < 1e-5
     assert height.std() > 0.01
-
-
-@pytest.mark.parametrize(("a", "b"), [(3, 1), (2, 1), (3, 2)])
-def test_joints_cut_a_tile_into_as_many_blocks_as_fit(a: int, b: int) -> None:
-    ids = cells.joint_blocks(120, (a, b), np.random.default_rng(0), bend=0.0)
-    number, area = np.unique(ids, return_counts=True)
-    assert len(number) == a * a + b * b
-    # Blocks are equal squares; a block that lies across the tile's edge is one block.
-    assert np.allclose(area, 120**2 / len(number), rtol=0.06)
-    across, down = cells.from_centre(ids)
-    half_diagonal = np.sqrt(0.5 / len(number))
-    assert np.hypot(across, down).max() < 1.1 * half_diagonal

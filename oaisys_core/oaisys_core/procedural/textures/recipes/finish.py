@@ -151,34 +151,3 @@ def finish_maps(
     color = np.clip(reflectance, 0, None) * np.power(light, np.float32(shade))[..., None]
     scale_to_albedo(color, albedo)
     return TextureMaps(linear_to_srgb(color), height, np.clip(roughness, 0, 1).astype(np.float32))
-
-
-def dusty(
-    size_px: int, rng: np.random.Generator, color: Color, variation: float, hue: float = 0.012
-) -> NDArray[np.float32]:
-    """Return (N, N, 3) of one colour with fine and coarse variation of brightness and hue."""
-    tone = 1 + variation * fields.grains(size_px, rng, 0.6)
-    tone += 0.6 * variation * fields.tile_noise(size_px, 6, rng)
-    shift = hue * fields.tile_noise(size_px, 2, rng)[..., None]
-    warm = 1 + shift * np.array((0.6, 0.0, -1.0), np.float32)
-    return np.asarray(tone[..., None] * warm * np.array(color, np.float32), np.float32)
-
-
-def darken_hollows(
-    color: NDArray[np.float32],
-    height: Field,
-    rng: np.random.Generator,
-    roughness: float,
-) -> TextureMaps:
-    """Return the maps with hollows darkened by occlusion."""
-    size_px = len(height)
-    near, wide = (
-        fields.occlusion(height, size_px / 300),
-        fields.occlusion(height, size_px / 80),
-    )
-    rough = roughness + 0.04 * fields.grains(size_px, rng, 2.0)
-    return TextureMaps(
-        np.clip(color * np.sqrt(near * wide)[..., None], 0, 1),
-        height,
-        np.clip(rough, 0, 1).astype(np.float32),
-    )
