@@ -41,7 +41,11 @@ def temporary_file(target: Path) -> Iterator[Path]:
         _remove_dead(folder, name)
     for folder in _folders(target):
         with remove_when_killed(folder):
-            descriptor = _make_own(folder, name)
+            try:
+                descriptor = _make_own(folder, name)
+            except OSError as error:
+                # The temporary name would tell nobody anything.
+                raise OSError(error.errno, error.strerror, str(target)) from error
             if descriptor is None:
                 continue
             try:

@@ -141,3 +141,10 @@ def test_errors_name_the_file_that_was_to_be_written(tmp_path: Path) -> None:
         path.mkdir()
     assert error.value.filename == str(path)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
+    for target in (Path("/proc/x.ply"), tmp_path / "missing" / "x.ply"):
+        with pytest.raises(OSError, match="No such file") as caught, whole_file(target):
+            pass
+        assert caught.value.filename == str(target)
