@@ -63,6 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     What failed until then is reported.
     """
+    _answer_signals()
 
     def end(*_: object) -> None:
         if distribution := config.pluginmanager.getplugin("dsession"):  # xdist's, with workers
@@ -74,6 +75,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
     signal.signal(signal.SIGTERM, end)
     gc.disable()  # while tests are collected
+
+
+def _answer_signals() -> None:
+    """Undo that a shell ignores signals for what it runs in the background."""
+    for number, usual in (
+        (signal.SIGINT, signal.default_int_handler),
+        (signal.SIGQUIT, signal.SIG_DFL),
+    ):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, usual)
 
 
 def pytest_collection_finish() -> None:

@@ -24,6 +24,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 from waiting import PATIENCE_S, wait_until
 
+from oaisys_core.errors import quote
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_mapping.mesh_io import read_class_names, read_ply
@@ -297,7 +298,9 @@ def test_a_mesh_goes_only_into_a_file_of_its_format(peer: Peer, tmp_path: Path) 
     for name in ("m.obj", "m.glb", "m", "m.ply.gz"):
         path = str(tmp_path / name)
         refused = peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=path))
-        expected = f"path: received {path!r}, expected a file whose name ends with .ply or .npz"
+        expected = (
+            f"path: received {quote(path)}, expected a file whose name ends with .ply or .npz"
+        )
         assert (refused.success, refused.message) == (False, expected)
     for name, begin in (("m.PLY", b"ply\n"), ("m.NPZ", b"PK")):
         path = str(tmp_path / name)

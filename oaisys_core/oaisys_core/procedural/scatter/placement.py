@@ -42,6 +42,12 @@ ALIGNED_SLOPE, ALIGNED = (0.1, 0.55), 0.3
 """Slopes from which things begin to lie along the slope, and from which their bearings spread by
 this share of a half turn only: what slides turns its long side downhill."""
 
+LIFTED = 0.45
+"""By how much a tilt of 1 rad lifts the edge of a thing's foot, in its size: about its radius."""
+
+BURYING_SLOPE, BURIED = 0.25, 2.0
+"""Slope from which on things are sunk deeper, and how much more for a slope of 1."""
+
 PATCH_M = 6.0
 PATCHES_PX = 128
 """Width of the patches of higher density, and size of the map of patches."""
@@ -202,13 +208,14 @@ def poses_on(
     yaw_rad = rng.uniform(-np.pi, np.pi, count)
     factor = np.clip(np.sqrt(TILT_SIZE_M / np.maximum(sizes_m, 1e-6)), *TILT_FACTORS)
     tilt_rad = np.radians(max_tilt_deg) * factor[:, None] * rng.uniform(-1, 1, (count, 2))
-    # Leaning lifts one side of the foot, so sink it deeper.
-    depth_m = sizes_m * (
-        height_share * rng.uniform(*sink, count) + 0.3 * np.linalg.norm(tilt_rad, axis=1)
-    )
+    sunk = height_share * rng.uniform(*sink, count)
     if not count:
         return np.zeros((0, 4, 4))
     slope, hollow_m = bedding(ground, xy, sizes_m / 2)
+    # Leaning lifts one side of the foot, and debris gathers above what lies on a slope.
+    steep = np.maximum(np.linalg.norm(slope, axis=1) - BURYING_SLOPE, 0.0)
+    sunk *= 1 + BURIED * steep
+    depth_m = sizes_m * (sunk + LIFTED * np.linalg.norm(tilt_rad, axis=1))
     yaw_rad = _along_slope(yaw_rad, slope)
     rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
     rotation = leaning(slope) * rotation

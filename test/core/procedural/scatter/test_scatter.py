@@ -262,3 +262,17 @@ def test_sizes_follow_the_power_law() -> None:
     above = np.array([(sizes_m > step_m).sum() for step_m in steps_m])
     exponent = -np.polyfit(np.log(steps_m), np.log(above), 1)[0]
     assert exponent == pytest.approx(1.8, abs=0.05)
+
+
+def test_things_are_sunk_deeper_on_a_slope() -> None:
+    x = np.linspace(-20, 20, 129)
+    shares = []
+    for slope in (0.0, 0.7):
+        plane_m = np.tile(slope * x, (129, 1)).astype(np.float32)
+        ground = HeightField(plane_m, (-20.0, -20.0), 40 / 128)
+        T_map_object, sizes_m = scatter_on(
+            ground, sizes_m_of(60, 0.3, 2.0), np.random.default_rng(8), max_tilt_deg=0.0
+        )
+        depth_m = slope * T_map_object[:, 0, 3] - T_map_object[:, 2, 3]
+        shares.append(np.mean(depth_m / sizes_m))
+    assert shares[1] == pytest.approx(1.9 * shares[0], rel=0.1)
