@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from oaisys_core import randomness
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
@@ -15,7 +16,7 @@ from oaisys_core.procedural.terrain.landform import (
 from oaisys_core.procedural.terrain.landscapes.domain import Domain, domain_of
 from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode
-from oaisys_core.procedural.terrain.processes.exact import tangent
+from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
 from oaisys_core.procedural.terrain.processes.flow import Mask, edge_cells
 from oaisys_core.procedural.terrain.processes.lava import LavaFlow, cinder_cone, emplace
 from oaisys_core.types import FloatArray
@@ -23,6 +24,9 @@ from oaisys_core.types import FloatArray
 FLOWS, LOBES = 4, 420
 CONES = (1, 3)
 """Least and most cones."""
+
+RIM_LOW, RIM_LUMPS = 0.3, 0.07
+"""How much a rim is lower to windward, and how high its lumps are, in the cone's height."""
 
 CINDER_DEG = 32.0
 
@@ -51,20 +55,38 @@ def _add_cones(
     vents = np.zeros(z.shape, bool)
     axis = domain.axis(domain.finest_px) * domain.extent_m
     bends = 0.05 * domain.extent_m * domain.noise(6.0, rng, octaves=3)
+    lumps = domain.noise(24.0, randomness.child(rng, "rims"), octaves=3)
     for index in range(int(rng.integers(*CONES, endpoint=True))):
         share = 1.0 if index == 0 else float(rng.uniform(0.3, 0.6))
         x_m, y_m = rng.uniform(-0.36, 0.36, 2) * domain.extent_m
+        east_m = axis[None, :] - x_m + 0.35 * share * bends
+        north_m = axis[:, None] - y_m - 0.35 * share * bends.T
         cone = cinder_cone(
-            axis[None, :] - x_m + 0.35 * share * bends,
-            axis[:, None] - y_m - 0.35 * share * bends.T,
-            height_m=share * height_m,
-            repose=tangent(CINDER_DEG),
-            crater=0.35,
+            east_m, north_m, height_m=share * height_m, repose=tangent(CINDER_DEG), crater=0.35
         )
-        z = z + cone
+        z = z + cone - _low_rim(cone, east_m, north_m, share * height_m, lumps, rng)
         near_m = 0.15 * share * height_m
         vents |= (axis[None, :] - x_m) ** 2 + (axis[:, None] - y_m) ** 2 < near_m**2
     return z, vents
+
+
+def _low_rim(
+    cone_m: FloatArray,
+    east_m: FloatArray,
+    north_m: FloatArray,
+    height_m: float,
+    lumps: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return by how much a cone is lower than an even one: most at its rim, on the windward side.
+
+    Wind carries cinder to one side, and what falls back slides (Porter, GSA Bull. 83, 1972).
+    """
+    wind_east, wind_north = draw_direction(randomness.child(rng, "wind"))
+    away_m = np.sqrt(east_m * east_m + north_m * north_m) + 0.01 * height_m
+    windward = 0.5 - 0.5 * (wind_east * east_m + wind_north * north_m) / away_m
+    near_rim = (cone_m / height_m) ** 2
+    return np.asarray(height_m * near_rim * (RIM_LOW * windward + RIM_LUMPS * lumps))
 
 
 def _add_flow(
