@@ -39,7 +39,7 @@ BED_SCALE = (8.0, 1 / 5)
 """Size of the beds of a cliff, along it and upright, in units of the ground's macro variation: from
 0.8 m on, and forty times as long as thick."""
 
-BED_CONTRAST = 2.0
+BED_CONTRAST = 3.0
 """Contrast of beds in units of that of the macro variation."""
 
 ALONG_BEDS = (0.8, 0.6, 0.0)
