@@ -146,7 +146,8 @@ def test_the_mesh_is_the_surface_that_was_rendered(rocky_client: SimulatorClient
     assert len(mesh.semantic_ids) == len(mesh.triangles)
     # Only a ray that grazes a vertex of a rock's outline may miss it.
     assert np.mean(heights.clearance_m < 1e-4) > 0.99
-    assert np.median(np.abs(heights.clearance_m)) < 1e-4
+    # More than half of the vertices are of rocks, whose lower part is in the ground.
+    assert np.quantile(np.abs(heights.clearance_m), 0.4) < 1e-4
 
 
 @pytest.mark.long

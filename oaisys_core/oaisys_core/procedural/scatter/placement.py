@@ -42,8 +42,8 @@ ALIGNED_SLOPE, ALIGNED = (0.1, 0.55), 0.3
 """Slopes from which things begin to lie along the slope, and from which their bearings spread by
 this share of a half turn only: what slides turns its long side downhill."""
 
-LIFTED = 0.45
-"""By how much a tilt of 1 rad lifts the edge of a thing's foot, in its size: about its radius."""
+LIFTED = 0.3
+"""By how much a tilt of 1 rad lifts the edge of a thing's foot, in its size."""
 
 BURYING_SLOPE, BURIED = 0.25, 2.0
 """Slope from which on things are sunk deeper, and how much more for a slope of 1."""
