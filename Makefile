@@ -56,10 +56,10 @@ bench: setup ## Measure everything: out/bench/bench.md (five hours the first tim
 test: setup ## Run the tests but for the long ones (about 10 minutes on two cores)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not long and not soak'
 
-test-full: setup ## Run the long tests: every example, faults, both sizes of survey (about 17 minutes)
+test-full: setup ## Run the long tests: every example, faults, both sizes of survey (about 14 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m long
 
-test-all: setup ## Run the tests of `make test` and of `make test-full` at once, which starts and ends one run
+test-all: setup ## Run the tests of `make test` and of `make test-full` at once, as CI has them (about 22 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) $(SLOWEST) --ignore=$(BENCH_TESTS) -m 'not soak'
 
 soak: setup ## Run what repeats other tests for long: 10,000 requests, kills again and again, further presets, memory (half an hour or more)
