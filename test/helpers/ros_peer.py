@@ -107,10 +107,15 @@ class User:
         """Receive the messages of another node of this context, too."""
         self._executor.add_node(node)
 
-    def wait_until(self, condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:
+    def wait_until(
+        self,
+        condition: Callable[[], Any],
+        patience_s: float = PATIENCE_S,
+        explain: Callable[[], object] = lambda: "",
+    ) -> Any:
         """Take messages in until the condition holds, and return what it returned."""
         pause = partial(self._executor.spin_once, timeout_sec=0.05)
-        return wait_until(condition, patience_s, pause=pause)
+        return wait_until(condition, patience_s, explain=explain, pause=pause)
 
     def wait_until_ready(self, ready: bool = True) -> None:
         """Wait for the bridge to be (or not to be) ready, and to be heard on all topics."""

@@ -143,7 +143,7 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
         done = int(told["rendered"]) - rendered + int(told["dropped_commands"]) - already
         return int(told["queue"]) == 0 and done >= published
 
-    user.wait_until(all_are_accounted_for)
+    user.wait_until(all_are_accounted_for, explain=lambda: (already, rendered, diagnostics(stage)))
     assert memory_mb(bridge.process.pid) < before_mb + 150
     assert user.set_pose(LOOKING).success
     assert "Traceback" not in bridge.log.read_text()
