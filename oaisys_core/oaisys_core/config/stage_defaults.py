@@ -75,7 +75,10 @@ LAYERS_OF_PRESET: dict[str, tuple[Section, ...]] = {
 """What grounds on Earth are made of, if it is not gravel and sand; each name has one id."""
 
 ROCK_TEXTURE = "basalt"
-"""Of both bodies, what lies on the Moon's plains and most of Mars, and of lava."""
+"""Of both bodies: what lies on the Moon's plains and most of Mars."""
+
+ROCKS_OF_PRESET: dict[str, Section] = {"volcanic_field": {"rock_texture": "basalt"}}
+"""What rocks on Earth are made of, if it is not the default."""
 
 _BODY: TypeAdapter[Any] = TypeAdapter(Body)
 
@@ -83,9 +86,9 @@ _BODY: TypeAdapter[Any] = TypeAdapter(Body)
 def with_defaults_of_stage(data: Mapping[str, Any]) -> Section:
     """Return a configuration's data with what it does not say and its ``stage`` does.
 
-    That is ``materials.layers`` where there are no pools, and for another body than Earth
-    ``environment.sky`` and ``assets.rock_texture``. What is not valid is returned as it is, to be
-    refused where it is checked.
+    That is ``materials.layers`` where there are no pools, ``assets.rock_texture``, and for another
+    body than Earth ``environment.sky``. What is not valid is returned as it is, to be refused where
+    it is checked.
     """
     result = dict(data)
     for section, values in _defaults_of(data.get("stage")).items():
@@ -108,10 +111,8 @@ def _defaults_of(stage: Any) -> dict[str, Section]:
     preset = stage.get("preset")
     if not isinstance(preset, str) or preset not in LAYERS_OF_PRESET:
         return {}
-    result: dict[str, Section] = {"materials": {"layers": LAYERS_OF_PRESET[preset]}}
-    if preset == "volcanic_field":
-        result["assets"] = {"rock_texture": ROCK_TEXTURE}
-    return result
+    rocks = {"assets": ROCKS_OF_PRESET[preset]} if preset in ROCKS_OF_PRESET else {}
+    return {"materials": {"layers": LAYERS_OF_PRESET[preset]}, **rocks}
 
 
 def _body_of(stage: Mapping[str, Any]) -> str | None:

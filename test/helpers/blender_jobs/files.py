@@ -90,7 +90,10 @@ def _image(thing: Any, path: Path) -> None:
     pixels.filepath_raw = str(path)
     pixels.file_format = "PNG"
     pixels.save()
-    image = bpy.data.images.load(str(path))
+    _paint(thing, bpy.data.images.load(str(path)))
+
+
+def _paint(thing: Any, image: Any) -> None:
     material = bpy.data.materials.new("textured")
     material.use_nodes = True
     tree = material.node_tree
@@ -227,13 +230,7 @@ def save_blend_with_image(path: str, image_file: str) -> None:
     else:
         image = bpy.data.images.new("generated", 4, 4)
         image.generated_width = image.generated_height = 20_000
-    material = bpy.data.materials.new("textured")
-    material.use_nodes = True
-    tree = material.node_tree
-    node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = image
-    tree.links.new(tree.nodes["Principled BSDF"].inputs["Base Color"], node.outputs["Color"])
-    bpy.context.object.data.materials.append(material)
+    _paint(bpy.context.object, image)
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
 

@@ -37,8 +37,7 @@ def check_exr(file: Any, use: ImageUse, name: str) -> None:
         header = part.header
         if header.get("type", OpenEXR.scanlineimage) not in plain:
             raise InvalidInputError(use.field, name, f"{use.name} without deep pixels")
-        low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
-        width, height = (int(each) for each in high - low + 1)
+        width, height = data_window_size(header)
         use.check(max(width, 0), max(height, 0), name)
         display_window(header, use, name)
         _check_exr_channels(header["channels"], use, name)
@@ -49,6 +48,13 @@ def check_exr(file: Any, use: ImageUse, name: str) -> None:
     if values > use.most_px * _EXR_CHANNELS:
         expected = f"{use.name} of at most {use.most_px * _EXR_CHANNELS} values, not {values}"
         raise InvalidInputError(use.field, name, expected)
+
+
+def data_window_size(header: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the width and height of the pixels that an EXR part holds, its data window."""
+    low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+    width, height = (int(each) for each in high - low + 1)
+    return width, height
 
 
 def display_window(header: Mapping[str, Any], use: ImageUse, name: str) -> tuple[slice, slice]:

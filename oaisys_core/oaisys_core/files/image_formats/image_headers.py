@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from math import ceil
 from typing import NamedTuple
 
+from oaisys_core.files.image_formats.tiff_directories import tiff_directories
+
 FORMATS = "PNG, JPEG, TIFF, BMP, WebP or PNM"
 
 _TAGS = {
@@ -27,7 +29,7 @@ _TAGS = {
     338: "extra",
 }
 _TIFF_VALUES = {1: "B", 3: "H", 4: "I", 16: "Q"}
-_MAX_TAGS = 4096
+_MAX_SEGMENTS = 4096
 _MAX_SAMPLES = 4
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -239,8 +241,8 @@ def _check_scans(data: bytes, place: int) -> None:
     while (found := _JPEG_MARKER.search(data, place)) and found[0] != _JPEG_END:
         markers += 1
         scans += found[0] == _JPEG_SCAN
-        if scans > _MAX_SCANS or markers > _MAX_TAGS:
-            raise ValueError(f"it has more than {_MAX_SCANS} scans or {_MAX_TAGS} segments")
+        if scans > _MAX_SCANS or markers > _MAX_SEGMENTS:
+            raise ValueError(f"it has more than {_MAX_SCANS} scans or {_MAX_SEGMENTS} segments")
         place = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
 
 
@@ -256,18 +258,10 @@ def _tiff(data: bytes) -> tuple[int, int]:
 
 def _tiff_tags(data: bytes) -> dict[str, tuple[int, ...]]:
     """Return the first numbers in the tags of a TIFF file's first image."""
-    order = "<" if data[:2] == b"II" else ">"
-    is_big = struct.unpack(order + "H", data[2:4])[0] == 43
-    word, entry_bytes = ("Q", 20) if is_big else ("I", 12)
+    order, word, entry_bytes, places = next(tiff_directories(data))
     word_bytes = struct.calcsize(word)
-    (place,) = struct.unpack_from(order + word, data, word_bytes)
-    (count,) = struct.unpack_from(order + ("Q" if is_big else "H"), data, place)
-    place += 8 if is_big else 2
-    if count > _MAX_TAGS:
-        raise ValueError(f"it has {count} tags, more than {_MAX_TAGS}")
     found: dict[str, tuple[int, ...]] = {}
-    for number in range(count):
-        at = place + number * entry_bytes
+    for at in places:
         tag, kind = struct.unpack_from(order + "HH", data, at)
         if tag not in _TAGS:
             continue

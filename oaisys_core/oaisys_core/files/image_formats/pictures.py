@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 
 from oaisys_core.files.image_formats.image_headers import is_png, is_tiff, png_chunks
+from oaisys_core.files.image_formats.tiff_directories import tiff_directories
 
 MOST = 1000
 """Pictures that are counted."""
-
-_MOST_TAGS = 4096
 
 _SUBFILE = 254
 _PART_OF_ANOTHER = 1 | 4
@@ -38,28 +38,16 @@ def count_pictures(data: bytes) -> int:
 
 
 def _tiff_pages(data: bytes) -> Iterator[int]:
-    """Yield the NewSubfileType of each directory of a TIFF file, in their order."""
-    order = "<" if data[:2] == b"II" else ">"
-    is_big = struct.unpack_from(order + "H", data, 2)[0] == 43
-    word, number, entry_bytes = ("Q", "Q", 20) if is_big else ("I", "H", 12)
-    (place,) = struct.unpack_from(order + word, data, struct.calcsize(word))
-    seen = set()
-    while place and place not in seen:
-        seen.add(place)
-        (count,) = struct.unpack_from(order + number, data, place)
-        if count > _MOST_TAGS:
-            return  # damaged: else a file could have this loop go on for hours
-        entries = place + struct.calcsize(number)
-        end = entries + count * entry_bytes
-        (following,) = struct.unpack_from(order + word, data, end)
-        bits = 0
-        for at in range(entries, end, entry_bytes):
-            (tag,) = struct.unpack_from(order + "H", data, at)
-            if tag == _SUBFILE:
-                value_at = at + entry_bytes - struct.calcsize(word)
-                (bits,) = struct.unpack_from(order + "I", data, value_at)
-        yield bits
-        place = following
+    """Yield the NewSubfileType of each directory of a TIFF file, up to one that is damaged."""
+    with suppress(ValueError):
+        for order, word, entry_bytes, places in tiff_directories(data):
+            bits = 0
+            for at in places:
+                (tag,) = struct.unpack_from(order + "H", data, at)
+                if tag == _SUBFILE:
+                    value_at = at + entry_bytes - struct.calcsize(word)
+                    (bits,) = struct.unpack_from(order + "I", data, value_at)
+            yield bits
 
 
 def _webp_chunks(data: bytes) -> Iterator[bytes]:

@@ -153,7 +153,8 @@ def _guides(
     is_water = pass_of(rendered, MATERIAL_INDEX)[..., 0] == BY_CHANCE
     if not (is_water.any() or (reflected > MIRROR_SHARE).any()):
         normal = pass_of(rendered, SEEN_NORMAL)
-        return _divisor(pass_of(rendered, SEEN_ALBEDO), normal, samples), normal
+        albedo = pass_of(rendered, SEEN_ALBEDO)
+        return _divisor(albedo, normal, _sky_share(albedo, normal), samples), normal
     normal = pass_of(rendered, NORMAL)
     is_film = is_water | (reflected > 0)
     albedo = _albedo_of_films(rendered, is_film)
@@ -162,8 +163,9 @@ def _guides(
     surface = np.where(is_sky, albedo[is_film].mean(axis=0), albedo)
     smooth = denoiser.denoise_albedo(surface) + MIN_ALBEDO
     # Beside the sky, a film's smooth albedo has no share for the sky in the same pixel.
-    is_within = is_film[..., None] & (_sky_share(albedo, normal) == 0)
-    divisor = np.where(is_within, smooth, _divisor(albedo, normal, samples))
+    sky = _sky_share(albedo, normal)
+    is_within = is_film[..., None] & (sky == 0)
+    divisor = np.where(is_within, smooth, _divisor(albedo, normal, sky, samples))
     if denoising != "thorough":
         normal = denoiser.denoise_normal(normal)
     return divisor, normal
@@ -184,7 +186,7 @@ def _albedo_of_films(rendered: RenderResult, is_film: NDArray[np.bool_]) -> Imag
     return np.asarray(diffuse + np.float32(ratio) * glossy, np.float32)
 
 
-def _divisor(albedo: Image, normal: Image, samples: int) -> Image:
+def _divisor(albedo: Image, normal: Image, sky: Image, samples: int) -> Image:
     """Return the (H, W, 3) albedo to divide radiance by: 1 for the sky, and nowhere 0.
 
     It is smoothed most where normals turn within a pixel or two, as at edges and in foliage,
@@ -194,7 +196,7 @@ def _divisor(albedo: Image, normal: Image, samples: int) -> Image:
     length = _length(_convolve(normal, EDGE_SHARE))
     least = SMOOTHED * MANY_SAMPLES / max(samples, MANY_SAMPLES)
     smoothed = np.clip(least + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
-    albedo = albedo + _sky_share(albedo, normal)
+    albedo = albedo + sky
     mixed = albedo + smoothed[..., None] * (_convolve(albedo, ALBEDO_SHARE) - albedo)
     return np.asarray(mixed + MIN_ALBEDO, np.float32)
 

@@ -105,10 +105,11 @@ def _preferences(
     texel_m = (ground.extent_m[2] - ground.extent_m[0]) / RELIEF_PX
     relief, size = relief_of(ground, RELIEF_PX), (mask.size_px, mask.size_px)
     scores = RELIEF_STRENGTH * exposures[:, None, None] * exposure(relief, texel_m, mask.scale_m)
-    if exposures.max() >= BARE_ROCK:
+    barest = exposures.max()
+    if barest >= BARE_ROCK:
         least_rad, most_rad = np.radians(WALL_DEG, dtype=np.float32)
         wall = np.clip((relief.slope_rad - least_rad) / (most_rad - least_rad), 0, 1)
-        scores -= OFF_WALLS * (exposures.max() - exposures)[:, None, None] * wall
+        scores -= OFF_WALLS * (barest - exposures)[:, None, None] * wall
     if any(green):
         wet = cv2.resize(moisture(ground), (RELIEF_PX, RELIEF_PX), interpolation=cv2.INTER_CUBIC)
         scores[np.array(green)] += habitat(relief, np.asarray(wet, np.float32))

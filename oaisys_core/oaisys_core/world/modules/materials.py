@@ -100,8 +100,8 @@ class MaterialsModule(Module):
         ]
         green = [is_green(layer.layer.maps) for layer in layers]
         snowy = [is_snowy(layer.layer.maps) for layer in layers]
-        shown_layers = [layer.config for layer in layers]
-        masks = layer_weights(config, shown_layers, ground, rng, green, snowy)
+        configs = [layer.config for layer in layers]
+        masks = layer_weights(config, configs, ground, rng, green, snowy)
         material = TerrainMaterial(
             layers=tuple(layer.layer for layer in layers),
             masks=masks,
@@ -124,7 +124,7 @@ class MaterialsModule(Module):
         if world.detail is not None and world.detail.textures:
             world.detail = _with_relief(world.detail, material, shown)
         if len(layers) > 1:
-            conditions = [layer.config.when for layer in layers]
+            conditions = [each.when for each in configs]
             land = land_weights(config, material, conditions, world, rng, green, snowy)
             material = replace(material, land=land)
         if (beyond := world.water_beyond()) is not None:

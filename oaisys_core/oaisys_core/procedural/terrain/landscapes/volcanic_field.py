@@ -56,6 +56,7 @@ def _add_cones(
     axis = domain.axis(domain.finest_px) * domain.extent_m
     bends = 0.05 * domain.extent_m * domain.noise(6.0, rng, octaves=3)
     lumps = domain.noise(24.0, randomness.child(rng, "rims"), octaves=3)
+    wind = draw_direction(randomness.child(rng, "wind"))
     for index in range(int(rng.integers(*CONES, endpoint=True))):
         share = 1.0 if index == 0 else float(rng.uniform(0.3, 0.6))
         x_m, y_m = rng.uniform(-0.36, 0.36, 2) * domain.extent_m
@@ -64,7 +65,7 @@ def _add_cones(
         cone = cinder_cone(
             east_m, north_m, height_m=share * height_m, repose=tangent(CINDER_DEG), crater=0.35
         )
-        z = z + cone - _low_rim(cone, east_m, north_m, share * height_m, lumps, rng)
+        z = z + cone - _low_rim(cone, east_m, north_m, share * height_m, lumps, wind)
         near_m = 0.15 * share * height_m
         vents |= (axis[None, :] - x_m) ** 2 + (axis[:, None] - y_m) ** 2 < near_m**2
     return z, vents
@@ -76,15 +77,14 @@ def _low_rim(
     north_m: FloatArray,
     height_m: float,
     lumps: FloatArray,
-    rng: np.random.Generator,
+    wind: tuple[float, float],
 ) -> FloatArray:
     """Return by how much a cone is lower than an even one: most at its rim, on the windward side.
 
     Wind carries cinder to one side, and what falls back slides (Porter, GSA Bull. 83, 1972).
     """
-    wind_east, wind_north = draw_direction(randomness.child(rng, "wind"))
     away_m = np.sqrt(east_m * east_m + north_m * north_m) + 0.01 * height_m
-    windward = 0.5 - 0.5 * (wind_east * east_m + wind_north * north_m) / away_m
+    windward = 0.5 - 0.5 * (wind[0] * east_m + wind[1] * north_m) / away_m
     near_rim = (cone_m / height_m) ** 2
     return np.asarray(height_m * near_rim * (RIM_LOW * windward + RIM_LUMPS * lumps))
 

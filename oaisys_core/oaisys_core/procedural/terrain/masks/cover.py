@@ -35,11 +35,11 @@ MOISTURE_STRENGTH = 1.5
 BARE_RAD = 0.55, 0.95
 """Slopes from which on roots hold less and less, 32 degrees, and hardly at all, 54."""
 
-SNOW_ALBEDO = 0.6
-"""Least reflectance of snow in each channel: salt and limestone have less in blue."""
-
 STEEP_STRENGTH = 3.0
 """Change of a green layer's score on the steepest ground."""
+
+SNOW_ALBEDO = 0.6
+"""Least reflectance of snow in each channel: salt and limestone have less in blue."""
 
 
 def is_green(maps: PbrMaps) -> bool:
@@ -68,6 +68,12 @@ def tuft_softness(sharpness: float, visible: FloatArray | float) -> FloatArray:
     of_tuft = WIDEST * (1 - sharpness) ** 1.5 + 1e-3
     unseen = UNSEEN_WIDTH * tuft_deviation(sharpness) * np.sqrt(1 - np.asarray(visible))
     return np.asarray(np.hypot(of_tuft, unseen))
+
+
+def cover_softness(sharpness: float, texel_m: FloatArray | float, has_plants: bool) -> FloatArray:
+    """Return `tuft_softness` of masks with texels of a size; snow alone has no tufts to be seen."""
+    visible = visible_share(texel_m) if has_plants else np.ones_like(texel_m, np.float64)
+    return tuft_softness(sharpness, visible)
 
 
 def visible_share(texel_m: FloatArray | float) -> FloatArray:

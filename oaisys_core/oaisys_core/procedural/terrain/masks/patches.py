@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.procedural.terrain.masks.cover import (
+    cover_softness,
     tuft_deviation,
-    tuft_softness,
     tufts,
-    visible_share,
 )
 from oaisys_core.procedural.terrain.noise import (
     Field,
@@ -126,9 +125,8 @@ def blend_masks(
         opened = _open_first(gates)
         scores += np.float32(RELUCTANCE) * np.log(np.maximum(opened, 1e-30))
         scores[opened <= 0] = NOWHERE
-    visible = visible_share(texel_m) if is_green.any() else 1.0
-    of_tufts = tuft_softness(sharpness, visible)
-    return weights_of(scores, border_softness(sharpness), is_green | is_snowy, of_tufts)
+    narrow = cover_softness(sharpness, texel_m, bool(is_green.any()))
+    return weights_of(scores, border_softness(sharpness), is_green | is_snowy, narrow)
 
 
 def weights_of(

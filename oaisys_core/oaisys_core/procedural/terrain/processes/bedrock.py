@@ -9,7 +9,7 @@ only: it has the same bits everywhere.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -102,7 +102,7 @@ def bend_to_joints(
     if block_m < LEAST_CELLS * spacing_m:
         return field
     joints = _joints(field.shape, spacing_m, block_m, randomness.child(rng, "walls"))
-    blocks, count = joints.blocks()
+    blocks, count = joints.blocks(), joints.block_count
     label = blocks.ravel()
     cells = np.bincount(label, minlength=count)
     means = np.bincount(label, field.ravel(), count) / np.maximum(cells, 1)
@@ -144,10 +144,15 @@ class _Joints(NamedTuple):
     columns: int
     cells: tuple[float, float]
 
-    def blocks(self) -> tuple[NDArray[np.intp], int]:
-        """Return the (rows, cols) number of each cell's block, and how many numbers there are."""
+    @property
+    def block_count(self) -> int:
+        """How many numbers of blocks there are."""
+        return len(self.shift) * self.columns
+
+    def blocks(self) -> NDArray[np.intp]:
+        """Return the (rows, cols) number of each cell's block."""
         row = np.floor(self.along).astype(np.intp)
-        return self._number(row, np.floor(self.across + self.shift[row])), self._count()
+        return self._number(row, np.floor(self.across + self.shift[row]).astype(np.intp))
 
     def faces(self, width_cells: float) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
         """Yield the (rows, cols) numbers of blocks, and their shares in each cell, which sum to 1.
@@ -160,14 +165,13 @@ class _Joints(NamedTuple):
             for column, in_column in _two(across, width_cells / self.cells[1], self.columns):
                 yield self._number(row, column), in_row * in_column
 
-    def _number(self, row: NDArray[np.intp], column: FloatArray) -> NDArray[np.intp]:
-        return np.asarray(row * self.columns + column.astype(np.intp))
-
-    def _count(self) -> int:
-        return len(self.shift) * self.columns
+    def _number(self, row: NDArray[np.intp], column: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.asarray(row * self.columns + column)
 
 
-def _two(place: FloatArray, width: float, count: int) -> Iterator[tuple[Any, FloatArray]]:
+def _two(
+    place: FloatArray, width: float, count: int
+) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
     """Yield the (rows, cols) cell of a place on an axis, and the next one, with their shares."""
     cell = np.floor(place)
     past = place - cell
@@ -206,7 +210,7 @@ def _stepped(
     A block is bare as a whole, or not at all.
     """
     joints = _joints(z.shape, spacing_m, edge_m, rng)
-    blocks, count = joints.blocks()
+    blocks, count = joints.blocks(), joints.block_count
     shifts = rng.uniform(-1.0, 1.0, (count, 3)) * (UNEVEN * edge_m, TILT, TILT)
     label = blocks.ravel()
     cells = np.maximum(np.bincount(label, minlength=count), 1)

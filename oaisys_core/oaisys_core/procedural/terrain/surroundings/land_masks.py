@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.masks.cover import (
     WAVES_M,
+    cover_softness,
     tuft_deviation,
-    tuft_softness,
     tufts,
-    visible_share,
 )
 from oaisys_core.procedural.terrain.masks.patches import NOWHERE, PATCHES, RAGGED, weights_of
 from oaisys_core.procedural.terrain.noise import Field, balancing_offsets, filter_noise
@@ -176,9 +175,8 @@ class PatchyLandMasks:
         shares = np.maximum(np.array(self.shares), MIN_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
         scores[np.array(self.shares) < MIN_SHARE] = NOWHERE
-        visible = visible_share(self._cells_m) if green.any() else np.ones(self.rows)
-        of_tufts = tuft_softness(self.sharpness, visible)[:, None]
-        weights = weights_of(scores, self.softness, green | snowy, of_tufts)
+        narrow = cover_softness(self.sharpness, self._cells_m, bool(green.any()))[:, None]
+        weights = weights_of(scores, self.softness, green | snowy, narrow)
         mean = np.array(self.shares, np.float32)[:, None, None]
         weights += (mean / mean.sum() - weights) * self._fade()[:, None]
         return weights

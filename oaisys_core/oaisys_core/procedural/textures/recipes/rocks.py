@@ -94,7 +94,6 @@ LIMESTONE = Look(
     (0.235, 0.205, 0.172), (0.235, 0.168, 0.105), (0.19, 0.185, 0.178), (0.3, 0.3, 0.255), 0.21, 0.6
 )
 
-
 GRIT: Color = (0.235, 0.19, 0.14)
 """Of what lies in the hollows of bedrock."""
 
@@ -179,11 +178,16 @@ def _broken(size_px: int, tile_m: float, shattered: float, rng: np.random.Genera
     """Return blocks within blocks, whose faces lean along a few directions."""
     azimuths = rng.uniform(0, 2 * np.pi) + np.array(JOINTS_RAD)
     leans = np.stack((np.cos(azimuths), np.sin(azimuths)), axis=1)
-    coarse = round(0.75 * tile_m) + 1
+    coarse = _patches_along(tile_m)
     share = smoothstep(-0.9, 0.9, swell(size_px, coarse, rng, 1.9) + 2 * shattered - 1)
     chipped = share * smoothstep(-0.2, 1.2, swell(size_px, 2 * coarse, rng, 1.7))
     height, tone, crack = (np.zeros((size_px, size_px), np.float32) for _ in range(3))
-    present = (1 + height, 0.35 + 0.65 * share, 0.15 + 0.85 * chipped, 0.15 + 0.6 * chipped)
+    present = (
+        np.ones_like(height),
+        0.35 + 0.65 * share,
+        0.15 + 0.85 * chipped,
+        0.15 + 0.6 * chipped,
+    )
     for number, part in enumerate(present):
         count = max(2, round(tile_m / BLOCKS_M[number]))
         blocks = partial(_blocks, count, LEANS[number] * leans, STEPS[number] / count, rng)
@@ -211,11 +215,11 @@ def _age(
     look: Look, tone: Field, broken: Broken, grain: Field, tile_m: float, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     """Return the (N, N, 3) colour of faces that are fresh, stained, old and grown over."""
-    size_px, coarse = len(tone), round(0.75 * tile_m) + 1
+    size_px, coarse = len(tone), _patches_along(tile_m)
     color = tint(tone, look.fresh)
-    patches = (swell(size_px, coarse + 1, rng, 1.6) + 0.5 * broken.tone for _ in range(2))
-    color = blend(color, tint(tone, look.stained), 0.6 * smoothstep(-0.2, 1.6, next(patches)))
-    color = blend(color, tint(tone, look.aged), 0.6 * smoothstep(0.1, 1.5, next(patches)))
+    for over, least, most in ((look.stained, -0.2, 1.6), (look.aged, 0.1, 1.5)):
+        patches = swell(size_px, coarse + 1, rng, 1.6) + 0.5 * broken.tone
+        color = blend(color, tint(tone, over), 0.6 * smoothstep(least, most, patches))
     wet = smoothstep(0.5, 1.9, fields.tile_noise(size_px, 2 * coarse, rng, 1.5))
     color *= (1 - 0.4 * wet)[..., None]
     crust = fields.tile_noise(size_px, round(6.5 * tile_m), rng, 1.35)
@@ -223,6 +227,11 @@ def _age(
     color = blend(color, tint(1 + 0.1 * grain, look.lichen), 0.6 * smoothstep(1.05, 1.4, crust))
     spots = smoothstep(1.25, 1.6, fields.tile_noise(size_px, round(10 * tile_m), rng, 1.3))
     return blend(color, 0.3 * np.array(look.aged), 0.5 * spots)
+
+
+def _patches_along(tile_m: float) -> int:
+    """Return how many patches of more and of less broken rock there are along a tile."""
+    return round(0.75 * tile_m) + 1
 
 
 def _face(make: Make, tile_m: float, albedo: tuple[float, float]) -> Recipe:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encode_srgb
+from oaisys_core.files.image_formats.exr_headers import data_window_size
 from oaisys_core.files.image_formats.image_headers import image_size
 from oaisys_core.files.image_formats.images import MESH_TEXTURE, read_file
 from oaisys_core.files.image_formats.radiance import radiance_header
@@ -65,9 +66,7 @@ def _sizes(data: bytes) -> Iterator[tuple[int, int]]:
 
         with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
             for part in file.parts:
-                low, high = (np.asarray(at, np.int64) for at in part.header["dataWindow"])
-                width, height = (high - low + 1).tolist()
-                yield width, height
+                yield data_window_size(part.header)
     else:
         yield image_size(data)
 
