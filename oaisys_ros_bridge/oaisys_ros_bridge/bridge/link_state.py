@@ -21,7 +21,7 @@ class LinkState:
         info: The server's own description; None while it does not answer.
         reason: Why it is not ready; empty when it is.
         connections: How often the server was found so far.
-        is_starting: Whether it answers, but its worker is being started.
+        is_starting: Whether it answers, but its worker was lost or is being started.
     """
 
     info: SimulatorInfo | None

@@ -262,16 +262,25 @@ class RenderQueue:
         link = self.link
         if self.refusal or link is None:
             raise NotReadyError(self.refusal)
-        with cancellation.stopping_by(link.wake_waiters):
-            link.wait_for_worker(lambda: bool(cancellation.reason or self.refusal))
-        cancellation.check()
-        if self.refusal:
-            raise NotReadyError(self.refusal)
+        self._wait(link.wait_for_worker, link, cancellation)
         if not self.active.is_set() and not (
             link.state.ready and self.active.wait(ACTIVATION_TIMEOUT_S)
         ):
             raise NotReadyError(link.state.reason or "the bridge is not active yet")
         return link
+
+    def _wait(
+        self,
+        wait: Callable[[Callable[[], bool]], None],
+        link: SimulatorLink,
+        cancellation: Cancellation,
+    ) -> None:
+        """Wait for a worker until the request is cancelled or refused; then raise why."""
+        with cancellation.stopping_by(link.wake_waiters):
+            wait(lambda: bool(cancellation.reason or self.refusal))
+        cancellation.check()
+        if self.refusal:
+            raise NotReadyError(self.refusal)
 
     def _render(
         self, request: ViewRequest, link: SimulatorLink, cancellation: Cancellation
@@ -286,7 +295,7 @@ class RenderQueue:
         except NotReadyError:
             if not link.initial_batch:
                 raise
-            link.check()  # builds the first batch of a server that has been restarted
+            self._wait(link.find_worker, link, cancellation)  # a restarted server builds a batch
             if not link.state.ready:
                 raise NotReadyError(link.state.reason) from None
             return self._publish(request, pose, link, cancellation)

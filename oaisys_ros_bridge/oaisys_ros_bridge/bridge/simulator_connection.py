@@ -124,8 +124,18 @@ class SimulatorConnection:
             OaisysError: Nobody answers, or no worker will be started soon.
             DeadlineExceededError: The worker was not ready in time.
         """
-        if self._state.info is not None:
-            return
+        if self._state.info is None or self._state.is_starting:
+            self.find_worker(is_cancelled)
+
+    def find_worker(self, is_cancelled: Callable[[], bool] = lambda: False) -> None:
+        """Ask the server for its state; while it starts its worker, wait for that.
+
+        Args:
+            is_cancelled: See `wait_for_worker`.
+
+        Raises:
+            OaisysError: See `wait_for_worker`.
+        """
         if not self._state.is_starting:
             with self.lock:
                 try:
@@ -173,7 +183,8 @@ class SimulatorConnection:
         except OaisysError as error:
             if isinstance(error, WorkerLostError):
                 with self.lock:
-                    self._enter(self._state.info, str(error))
+                    known = self._state
+                    self._change(LinkState(known.info, str(error), known.connections, True))
             self._wake.set()
             raise
 
