@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -100,7 +101,8 @@ def run_with_kill(
 
     Args:
         line: The command.
-        victim: ``worker``, ``driver`` or ``node`` (Ray's raylet).
+        victim: ``worker``, ``driver`` or ``node``: Ray's raylet, and its workers, which could
+            finish all worlds before the driver hears of it.
         after_s: The moment; the next one at which there is such a process.
         when: Returns whether the moment has come.
     """
@@ -111,7 +113,10 @@ def run_with_kill(
     while driver.poll() is None and time.monotonic() < deadline_s:
         found = [driver.pid] if victim == "driver" else _processes(driver.pid, victim)
         if found and when():
-            os.kill(found[0], signal.SIGKILL)
+            dying = [found[0], *(_processes(driver.pid, "worker") if victim == "node" else [])]
+            for process in dying:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
             is_killed = True
             break
         time.sleep(0.01)

@@ -138,7 +138,7 @@ def test_the_death_of_ray_s_daemon_is_said_in_a_sentence(
 ):
     out = tmp_path / "set"
     line = command(undisturbed.config, out, *MORE)
-    ended = run_with_kill(line, "node", 0.0, lambda: any(out.glob("shards/*.jsonl")))
+    ended = run_with_kill(line, "node", 0.0, lambda: any(out.glob("shards/*.tar")))
     assert (ended.is_killed, ended.exit_code) == (True, 1), ended.errors
     assert "--resume renders the" in ended.errors
     noise = re.compile(r"^\[\d{4}-|Traceback|core_worker|raylet_client|\.cc:", re.MULTILINE)
