@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import stat
@@ -267,11 +268,11 @@ def confined_server(tmp_path_factory: pytest.TempPathFactory, places: Path) -> I
     for name in ("numpy", "random", "scipy", "yaml", "cv2", "open3d"):
         trap = f"open({str(folder / 'sprung')!r}, 'w')\nraise SystemExit"
         (folder / f"{name}.py").write_text(trap)
-    with pytest.MonkeyPatch.context() as place:
-        place.chdir(folder)
-        options = ("--insecure", "--address", "0.0.0.0:0", "--asset-root", str(places / "assets"))
-        with Server(folder / "server", FLAT_WORLD, *options) as server:
-            yield server
+    options = ("--insecure", "--address", "0.0.0.0:0", "--asset-root", str(places / "assets"))
+    with contextlib.chdir(folder):  # not longer: other programs of this module would start in it
+        server = Server(folder / "server", FLAT_WORLD, *options)
+    with server:
+        yield server
 
 
 @pytest.fixture(scope="module")
