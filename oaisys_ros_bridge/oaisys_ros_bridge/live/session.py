@@ -30,7 +30,7 @@ from oaisys_ros_bridge.live.options import LiveOptions
 from oaisys_ros_bridge.live.outputs import Outputs
 from oaisys_ros_bridge.live.page import LivePage
 from oaisys_ros_bridge.live.simulator import LiveSimulator
-from oaisys_ros_bridge.live.vehicles import Flight, Rover, Vehicle, first_view
+from oaisys_ros_bridge.live.vehicles import Flight, LiveRover, LiveVehicle, first_view
 
 MOVING_QUALITY = "draft"
 STILL_S = 0.4
@@ -76,7 +76,7 @@ class LiveSession:
         self._outputs = Outputs(options.out)
         self._info = self._client.info()
         self._sensor = first_camera(self._info.sensors)
-        self._vehicle: Vehicle = Flight()
+        self._vehicle: LiveVehicle = Flight()
         self._bag: LiveBag | None = None
         self._changes = ModuleMetadata()
         self._sample: Sample | None = None
@@ -256,7 +256,7 @@ class LiveSession:
         if not is_rover:
             self._vehicle = Flight()
             return
-        rover = Rover(self._ground_heights_m, camera_height_m)
+        rover = LiveRover(self._ground_heights_m, camera_height_m)
         there = rover.move(self._T_map_camera, np.zeros(3), self._T_map_camera[:3, :3])
         self._vehicle = rover
         self._render(there, MOVING_QUALITY)

@@ -35,7 +35,7 @@ GroundHeights = Callable[[FloatArray], FloatArray]
 """Return the (N,) heights of the ground under (N, 3) points in ``map``; NaN off the stage."""
 
 
-class Vehicle(Protocol):
+class LiveVehicle(Protocol):
     """Carries the camera."""
 
     def move(
@@ -59,11 +59,11 @@ class Flight:
     def move(
         self, T_map_camera: FloatArray, step_m: FloatArray, R_map_camera: FloatArray
     ) -> FloatArray:
-        """See `Vehicle`; the simulator refuses poses in the ground."""
+        """See `LiveVehicle`; the simulator refuses poses in the ground."""
         return transform(R_map_camera, T_map_camera[:3, 3] + step_m)
 
 
-class Rover:
+class LiveRover:
     """A camera on a mast: it drives where it looks, and rolls with the ground's slope.
 
     Args:
@@ -78,7 +78,7 @@ class Rover:
     def move(
         self, T_map_camera: FloatArray, step_m: FloatArray, R_map_camera: FloatArray
     ) -> FloatArray:
-        """See `Vehicle`; of the step counts what lies in the rover's heading.
+        """See `LiveVehicle`; of the step counts what lies in the rover's heading.
 
         Raises:
             InvalidInputError: There is no ground, or it is steeper than `MAX_SLOPE_DEG`.

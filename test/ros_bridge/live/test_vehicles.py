@@ -7,7 +7,7 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at, pose_looking_down, pose_to_matrix
-from oaisys_ros_bridge.live.vehicles import FIRST_EYE_M, Flight, Rover, first_view
+from oaisys_ros_bridge.live.vehicles import FIRST_EYE_M, Flight, LiveRover, first_view
 
 EAST = (pose_to_matrix(pose_looking_at((0, 0, 0), (1, 0, 0))) @ T_LINK_OPTICAL)[:3, :3]
 NORTH = (pose_to_matrix(pose_looking_at((0, 0, 0), (0, 1, 0))) @ T_LINK_OPTICAL)[:3, :3]
@@ -30,14 +30,14 @@ def test_a_flight_goes_wherever_it_is_told():
 
 
 def test_a_rover_climbs_with_the_ground_and_only_along_its_heading():
-    there = Rover(slope, 1.5).move(at(4, 2, 2.5, EAST), np.array((2.0, 3.0, -1.0)), EAST)
+    there = LiveRover(slope, 1.5).move(at(4, 2, 2.5, EAST), np.array((2.0, 3.0, -1.0)), EAST)
     np.testing.assert_allclose(there[:3, 3], (6.0, 2.0, 0.25 * 6 + 1.5))
     np.testing.assert_allclose(there[:3, :3], EAST, atol=1e-12)  # the mast keeps its pitch
 
 
 def test_a_rover_rolls_with_a_slope_to_its_side():
     """Heading north, the ground rises to the right: the right of the image (+x) does, too."""
-    there = Rover(slope, 1.5).move(at(4, 0, 2.5, NORTH), np.zeros(3), NORTH)
+    there = LiveRover(slope, 1.5).move(at(4, 0, 2.5, NORTH), np.zeros(3), NORTH)
     right = np.array((1.0, 0.0, 0.25)) / np.hypot(1.0, 0.25)
     np.testing.assert_allclose(there[:3, 0], right, atol=1e-12)
     np.testing.assert_allclose(there[:3, 2], (0.0, 1.0, 0.0), atol=1e-12)
@@ -46,9 +46,9 @@ def test_a_rover_rolls_with_a_slope_to_its_side():
 
 def test_a_rover_refuses_to_leave_the_stage_and_to_climb_cliffs():
     with pytest.raises(InvalidInputError, match=r"rover: received \[-20.0, 0.0\].*the stage"):
-        Rover(slope, 1.0).move(at(-19, 0, 0, EAST), np.array((-1.0, 0.0, 0.0)), EAST)
+        LiveRover(slope, 1.0).move(at(-19, 0, 0, EAST), np.array((-1.0, 0.0, 0.0)), EAST)
     with pytest.raises(InvalidInputError, match="at most 35 degrees; here it is 45"):
-        Rover(lambda points_m: points_m[:, 1], 1.0).move(at(0, 0, 0, EAST), np.zeros(3), EAST)
+        LiveRover(lambda points_m: points_m[:, 1], 1.0).move(at(0, 0, 0, EAST), np.zeros(3), EAST)
 
 
 WIDE_M = (-50.0, -50.0, 50.0, 50.0)

@@ -23,7 +23,7 @@ from oaisys_core.scene.photometric_laws import Hapke
 from oaisys_core.sensing.render_settings import RenderSettings
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, TriangleMesh
-from oaisys_core.verification.light.scenes import Ground, camera, grey_sky, world
+from oaisys_core.verification.light.scenes import GreyPlane, camera, grey_sky, world
 from tools.bench.jobs.light_errors import errors
 from tools.bench.referees.lighting import GROUND, OBJECTS, Lighting
 from tools.bench.referees.module_process import run_module
@@ -34,7 +34,7 @@ FOCAL_SHARE = 1.125
 """Focal length relative to the image's width."""
 SUN_DIAMETER_DEG = 0.53
 SUN_W_M2 = 4.0
-GREY = Ground().grey
+GREY = GreyPlane().grey
 SAMPLES = {"blender": 256, "analytic": 1}
 REFEREE_SAMPLES = 64
 
@@ -125,7 +125,7 @@ def _scene(chosen: LightWorld) -> Scene:
         sun_strength_w_m2=SUN_W_M2,
         sun_angular_diameter_rad=radians(SUN_DIAMETER_DEG),
     )
-    plain = world(Ground(law=chosen.law), sky)
+    plain = world(GreyPlane(law=chosen.law), sky)
     prototypes = tuple(
         replace(each, maps=None, vertex_colors_srgb=None, color_srgb=(GREY / 255,) * 3, dust_m=0.0)
         for each in drawn.prototypes
@@ -163,7 +163,7 @@ def _referee(chosen: LightWorld, mesh: TriangleMesh, view: PlacedCamera) -> dict
     """Return what Mitsuba finds, see `tools.bench.referees.mitsuba_light`."""
     elevation, azimuth = radians(chosen.sun_elevation_deg), radians(chosen.sun_azimuth_deg)
     lighting = Lighting(
-        albedo=Ground().albedo,
+        albedo=GreyPlane().albedo,
         hapke=None if chosen.law is None else asdict(chosen.law),
         to_sun=(cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)),
         sun_w_m2=SUN_W_M2,

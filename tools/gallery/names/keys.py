@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from oaisys_core.types import merge
-from tools.gallery.names.worlds import NamedPicture, ThingViewpoint, Viewpoint
+from tools.gallery.names.worlds import NamedPicture, PictureViewpoint, ThingViewpoint
 from tools.gallery.scenes import StageViewpoint
 
 PAIRS = "keys"
@@ -48,7 +48,7 @@ class KeyPair:
     key: str
     values: tuple[Any, Any]
     note: str
-    view: Viewpoint = ACROSS
+    view: PictureViewpoint = ACROSS
     world: Mapping[str, Any] = field(default_factory=dict)
 
     @property

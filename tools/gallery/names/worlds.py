@@ -58,7 +58,7 @@ PLANT_M = {
 GROUND = {"texture": "soil", "label": "soil", "semantic_id": 1}
 
 
-class Viewpoint(Protocol):
+class PictureViewpoint(Protocol):
     """Where a picture is taken from."""
 
     def pose(self, simulation: Simulation) -> Pose:
@@ -80,7 +80,7 @@ class ThingViewpoint:
     is_flat: bool
 
     def pose(self, simulation: Simulation) -> Pose:
-        """See `Viewpoint`."""
+        """See `PictureViewpoint`."""
         up, target_up = (1.1, 0.0) if self.is_flat else (0.75, 0.42)
         offset_m = self.size_m * np.array(((-1.3, -0.6, up), (0.0, 0.0, target_up)))
         eye_m, target_m = np.array((0.0, self.y_m, 0.0)) + offset_m
@@ -100,7 +100,7 @@ class NamedPicture:
     group: str
     name: str
     config: Mapping[str, Any]
-    view: Viewpoint
+    view: PictureViewpoint
 
     def full_config(self, backend: str, quality: str) -> SimulationConfig:
         """Return the configuration with the camera of all pictures and a renderer."""

@@ -62,7 +62,7 @@ def make_trajectory(
         points = np.vstack((points, points[:1]))
     if config.smooth:
         points = _spline(points, config.closed)
-    return _Path(points, config.closed, config.start_m, config.step_m, config.speed_m_s)
+    return _MoverPath(points, config.closed, config.start_m, config.step_m, config.speed_m_s)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class _PoseList:
 
 
 @dataclass(frozen=True)
-class _Path:
+class _MoverPath:
     """A trajectory along (K, 3) points at constant speed, with the x axis forward."""
 
     points_m: FloatArray

@@ -19,7 +19,7 @@ from oaisys_core.verification.light.law_checks import photometric_laws
 from oaisys_core.verification.light.light_figure import LightFigure
 from oaisys_core.verification.light.renderer import Renderer
 from oaisys_core.verification.light.scenes import (
-    Ground,
+    GreyPlane,
     camera,
     dark,
     grey_sky,
@@ -60,7 +60,7 @@ def figures(backend: Backend, quality: str, on_check: Callable[[], None]) -> lis
 def _lambert(renderer: Renderer) -> Iterator[LightFigure]:
     """Flat and sloped patches under a sun: irradiance goes by the cosine of its angle."""
     for slope_deg, elevation_deg in ((0, 90), (0, 30), (0, 8), (25, 40), (-25, 40)):
-        ground = Ground(slope_rad=radians(slope_deg))
+        ground = GreyPlane(slope_rad=radians(slope_deg))
         image = renderer.image(world(ground, sunny(radians(elevation_deg))), DOWN, 16)
         # The sun is over +x, towards which the ground rises: it stands lower over a slope.
         cosine = sin(radians(elevation_deg - slope_deg))
@@ -71,7 +71,7 @@ def _lambert(renderer: Renderer) -> Iterator[LightFigure]:
 
 def _rough(renderer: Renderer) -> Iterator[LightFigure]:
     """Rough ground, seen from above."""
-    ground = Ground(roughness=230, is_lambertian=False)
+    ground = GreyPlane(roughness=230, is_lambertian=False)
     for elevation_deg in (75, 25):
         image = renderer.image(world(ground, sunny(radians(elevation_deg))), NARROW, 256)
         cosine = sin(radians(elevation_deg))
@@ -83,7 +83,7 @@ def _rough(renderer: Renderer) -> Iterator[LightFigure]:
 
 def _sky(renderer: Renderer) -> Iterator[LightFigure]:
     """A white furnace, and a sky that is brighter towards the horizon."""
-    white = Ground(grey=255)
+    white = GreyPlane(grey=255)
     image = renderer.image(world(white, grey_sky(1.0, 1.0)), DOWN, 256)
     yield LightFigure("white furnace", float(image.mean()), 1.0)
     for name, zenith, horizon, power in (
@@ -113,7 +113,7 @@ def _lamp(kind: str, height_m: float) -> Lamp:
 
 def _inverse_square(renderer: Renderer) -> Iterator[LightFigure]:
     """A point lamp over level ground, at several heights."""
-    ground = Ground()
+    ground = GreyPlane()
     for height_m in (2.0, 4.0, 8.0):
         scene = world(ground, dark(), (_lamp("point", height_m),))
         image = renderer.image(scene, NARROW, 64)
@@ -126,13 +126,13 @@ def _inverse_square(renderer: Renderer) -> Iterator[LightFigure]:
 def _cone(renderer: Renderer) -> Iterator[LightFigure]:
     """The circle that a spot lights, by its area."""
     height_m = 4.0
-    scene = world(Ground(), dark(), (_lamp("spot", height_m),))
+    scene = world(GreyPlane(), dark(), (_lamp("spot", height_m),))
     view = camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (64, 64), 96.0)
     image = renderer.image(scene, view, 16)
     points_m = points_seen_m(view)
     distance_m = np.hypot(np.linalg.norm(points_m[..., :2], axis=-1), height_m)
     # Relative to a lamp without a cone, a pixel at the edge has the share that lies within.
-    full = Ground().albedo / pi * LAMP_W / (4 * pi * distance_m**2) * height_m / distance_m
+    full = GreyPlane().albedo / pi * LAMP_W / (4 * pi * distance_m**2) * height_m / distance_m
     lit = np.clip(image / full, 0.0, 1.0).sum()
     area_m2 = lit * (6.0 / 96.0) ** 2
     angle_deg = 2 * degrees(atan2(np.sqrt(area_m2 / pi), height_m))
@@ -149,9 +149,9 @@ def _penumbra(renderer: Renderer) -> Iterator[LightFigure]:
     sky = sunny(elevation_rad, 2 * radius_rad)
     middle_m = -EDGE_M / tan(elevation_rad)
     view = camera((middle_m - 3.0, 0.0, 5.0), (middle_m, 0.0, 0.0), (64, 48), 420.0)
-    image = renderer.image(world(Ground(), sky, primitives=(box,)), view, 256)
+    image = renderer.image(world(GreyPlane(), sky, primitives=(box,)), view, 256)
     x_m = points_seen_m(view)[..., 0].ravel()
-    full = closed_forms.lambert(Ground().albedo, SUN * sin(elevation_rad))
+    full = closed_forms.lambert(GreyPlane().albedo, SUN * sin(elevation_rad))
     measured = _width_m(x_m, image.ravel() / full)
     exact_x_m = np.linspace(x_m.min(), x_m.max(), 4000)
     above = elevation_rad - np.arctan2(EDGE_M, -exact_x_m)

@@ -12,7 +12,7 @@ from oaisys_core.types import FloatArray
 from oaisys_core.verification.light.light_figure import LightFigure
 from oaisys_core.verification.light.photometric_forms import radiance_factor
 from oaisys_core.verification.light.renderer import Renderer
-from oaisys_core.verification.light.scenes import Ground, camera, rays_of, sunny, world
+from oaisys_core.verification.light.scenes import GreyPlane, camera, rays_of, sunny, world
 
 SUN = 4.0
 POINT_SUN_RAD = 1e-4
@@ -40,7 +40,7 @@ def photometric_laws(renderer: Renderer) -> Iterator[LightFigure]:
     """Flat and sloped patches of each law, at the opposition, near to it and elsewhere."""
     for name, law in LAWS.items():
         for slope_deg, sun_deg, azimuth_deg, eye_deg in GEOMETRIES:
-            ground = Ground(slope_rad=radians(slope_deg), law=law)
+            ground = GreyPlane(slope_rad=radians(slope_deg), law=law)
             to_eye = _direction(radians(azimuth_deg), radians(eye_deg))
             eye_m = 6.0 * to_eye
             view = camera(tuple(eye_m.round(12).tolist()), (0.0, 0.0, 0.0), (8, 6), 2000.0)
@@ -59,7 +59,7 @@ def _direction(azimuth_rad: float, elevation_rad: float) -> FloatArray:
     return np.array((level * cos(azimuth_rad), level * sin(azimuth_rad), sin(elevation_rad)))
 
 
-def _expected(ground: Ground, law: PhotometricLaw, sun_rad: float, rays: FloatArray) -> float:
+def _expected(ground: GreyPlane, law: PhotometricLaw, sun_rad: float, rays: FloatArray) -> float:
     """Return the mean radiance along (N, 3) rays."""
     normal = np.array((-sin(ground.slope_rad), 0.0, cos(ground.slope_rad)))
     to_sun = _direction(0.0, sun_rad)

@@ -29,7 +29,7 @@ POINTS = 9
 
 
 @dataclass(frozen=True)
-class Ground:
+class GreyPlane:
     """A grey plane through the origin of ``map``.
 
     Attributes:
@@ -70,7 +70,7 @@ def dark() -> Sky:
 
 
 def world(
-    ground: Ground,
+    ground: GreyPlane,
     sky: Sky,
     lamps: tuple[Lamp, ...] = (),
     primitives: tuple[Primitive, ...] = (),
@@ -133,7 +133,7 @@ def rays_of(view: PlacedCamera) -> FloatArray:
     return np.asarray(rays @ view.T_map_camera[:3, :3].T)
 
 
-def _texture(ground: Ground) -> PbrMaps:
+def _texture(ground: GreyPlane) -> PbrMaps:
     shape = (16, 16)
     return PbrMaps(
         name=f"grey {ground.grey} {ground.roughness}",

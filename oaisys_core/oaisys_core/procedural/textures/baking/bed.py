@@ -14,7 +14,7 @@ from oaisys_core.procedural.textures.baking.placements import (
     leaning,
     turn_stamp,
 )
-from oaisys_core.procedural.textures.baking.stamps import OUTSIDE, Stamps
+from oaisys_core.procedural.textures.baking.stamps import OUTSIDE, MeshStamps
 from oaisys_core.types import FloatArray
 
 LARGE_PX = 12.0
@@ -88,7 +88,7 @@ class Bed:
 
     def add(
         self,
-        stamps: Stamps,
+        stamps: MeshStamps,
         diameters: FloatArray,
         laying: Laying,
         rng: np.random.Generator,
@@ -165,7 +165,7 @@ class Bed:
         found = np.setdiff1d(np.arange(len(radii)), waiting)
         return centres[found], found
 
-    def _lay(self, stamps: Stamps, placed: Placements, laying: Laying) -> None:
+    def _lay(self, stamps: MeshStamps, placed: Placements, laying: Laying) -> None:
         first = self.count
         self.classes.append(placed)
         numbers = np.arange(len(placed.centre))
@@ -180,7 +180,7 @@ class Bed:
         for part in parts:
             self._lay_many(stamps, placed.at(part), laying, first + part, half)
 
-    def _lay_one(self, stamps: Stamps, placed: Placements, laying: Laying, number: int) -> None:
+    def _lay_one(self, stamps: MeshStamps, placed: Placements, laying: Laying, number: int) -> None:
         (row, column), radius = placed.centre[0], float(placed.radius_px[0])
         image = stamps.level_for(radius)[placed.shape[0]]
         half = int(np.ceil(radius)) + 1
@@ -219,7 +219,7 @@ class Bed:
 
     def _lay_many(
         self,
-        stamps: Stamps,
+        stamps: MeshStamps,
         placed: Placements,
         laying: Laying,
         numbers: NDArray[np.intp],

@@ -11,7 +11,7 @@ from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures import fields
 from oaisys_core.procedural.textures.baking.bed import Bed, Laying
 from oaisys_core.procedural.textures.baking.sizes import SizeLaw, draw_diameters
-from oaisys_core.procedural.textures.baking.stamps import Stamps
+from oaisys_core.procedural.textures.baking.stamps import MeshStamps
 
 REPEATS = 4
 """How often grit, whose stones are a few texels wide, repeats along an edge of a tile."""
@@ -31,7 +31,7 @@ class Grit(NamedTuple):
 
 def grit(
     size_px: int,
-    stamps: Stamps,
+    stamps: MeshStamps,
     law: SizeLaw,
     cover: float,
     limits: tuple[float, float],

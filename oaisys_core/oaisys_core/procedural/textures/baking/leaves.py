@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.procedural.textures.baking.stamps import Stamps, cast_stamps
+from oaisys_core.procedural.textures.baking.stamps import MeshStamps, cast_stamps
 from oaisys_core.types import FloatArray, TriangleMesh
 
 SHAPES = 18
@@ -26,7 +26,7 @@ LOBES = 4
 
 
 @cache
-def cast_leaves() -> Stamps:
+def cast_leaves() -> MeshStamps:
     """Cast `SHAPES` leaves, the same for all sets; x is along the midrib, from stalk to tip."""
     rng = randomness.stream(0, "stamps/leaf")
     return cast_stamps([leaf_mesh(rng, is_lobed=k % 3 == 2) for k in range(SHAPES)], 128)

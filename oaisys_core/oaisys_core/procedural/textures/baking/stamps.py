@@ -31,7 +31,7 @@ LEAN_RAD = 0.3
 """Standard deviation of how far stones lean from lying flat."""
 
 
-class Stamps(NamedTuple):
+class MeshStamps(NamedTuple):
     """Heights of meshes, seen from above.
 
     A stamp is a square of two radii, the larger half extent of its mesh along x or y, about its
@@ -54,7 +54,7 @@ class Stamps(NamedTuple):
         return fitting[-1] if fitting else self.levels[0]
 
 
-def cast_stamps(meshes: Sequence[TriangleMesh], cast_px: int = CAST_PX) -> Stamps:
+def cast_stamps(meshes: Sequence[TriangleMesh], cast_px: int = CAST_PX) -> MeshStamps:
     """Cast meshes from above."""
     import cv2
 
@@ -64,11 +64,11 @@ def cast_stamps(meshes: Sequence[TriangleMesh], cast_px: int = CAST_PX) -> Stamp
         smaller = [cv2.resize(each, (size, size), interpolation=cv2.INTER_AREA) for each in heights]
         levels.append(np.stack(smaller).astype(np.float32))
     share = (heights > OUTSIDE).mean(axis=(1, 2))
-    return Stamps(tuple(levels), heights.max(axis=(1, 2)), share)
+    return MeshStamps(tuple(levels), heights.max(axis=(1, 2)), share)
 
 
 def cast_from_above(mesh: TriangleMesh, cast_px: int) -> NDArray[np.float32]:
-    """Return the (S, S) heights of a mesh, see `Stamps`."""
+    """Return the (S, S) heights of a mesh, see `MeshStamps`."""
     low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
     radius = float((high - low)[:2].max()) / 2
     middle = np.array([*(low + high)[:2] / 2, low[2]])
@@ -83,7 +83,7 @@ def cast_from_above(mesh: TriangleMesh, cast_px: int) -> NDArray[np.float32]:
 
 
 @cache
-def cast_rocks(kind: str) -> Stamps:
+def cast_rocks(kind: str) -> MeshStamps:
     """Cast `ROCKS` rocks of a kind, the same for all sets, each leaning a little from lying flat.
 
     Args:

@@ -23,8 +23,8 @@ from oaisys_core.procedural.textures.recipes.finish import (
 )
 from oaisys_core.procedural.textures.recipes.swards import (
     STRAW,
+    Blade,
     Crop,
-    Kind,
     Plot,
     grow,
     grow_clover,
@@ -59,31 +59,31 @@ LYING = (1.35, 1.6)
 """Angle from the vertical of what lies on the ground."""
 
 MEADOW = (
-    Kind(5200, (0.03, 0.11), (0.0012, 0.0028), LYING, (-0.1, 0.1), STRAW, low_m=(0, 0.006),
-         segments=2),
-    Kind(6000, (0.02, 0.05), (0.0011, 0.0022), (0.4, 1.2), (0.2, 0.9), MEADOW_GRASS, 0.012, 6,
-         dry=0.15, segments=3),
-    Kind(9500, (0.05, 0.14), (0.0011, 0.0018), (0.15, 0.75), (0.5, 1.3), RED_FESCUE, 0.022, 45,
-         dry=0.10, segments=3),
-    Kind(5500, (0.04, 0.12), (0.0018, 0.0036), (0.2, 0.8), (0.3, 1.2), MEADOW_GRASS, 0.016, 14,
-         dry=0.06),
-    Kind(260, (0.08, 0.18), (0.0040, 0.0065), (0.3, 0.8), (0.6, 1.2), COCKSFOOT, 0.02, 22,
-         dry=0.04),
-    Kind(14, (0.04, 0.09), (0.012, 0.020), (1.0, 1.4), (0.0, 0.4), HERB, 0.006, 8,
-         outline=leaf_outline, segments=6),
+    Blade(5200, (0.03, 0.11), (0.0012, 0.0028), LYING, (-0.1, 0.1), STRAW, low_m=(0, 0.006),
+          segments=2),
+    Blade(6000, (0.02, 0.05), (0.0011, 0.0022), (0.4, 1.2), (0.2, 0.9), MEADOW_GRASS, 0.012, 6,
+          dry=0.15, segments=3),
+    Blade(9500, (0.05, 0.14), (0.0011, 0.0018), (0.15, 0.75), (0.5, 1.3), RED_FESCUE, 0.022, 45,
+          dry=0.10, segments=3),
+    Blade(5500, (0.04, 0.12), (0.0018, 0.0036), (0.2, 0.8), (0.3, 1.2), MEADOW_GRASS, 0.016, 14,
+          dry=0.06),
+    Blade(260, (0.08, 0.18), (0.0040, 0.0065), (0.3, 0.8), (0.6, 1.2), COCKSFOOT, 0.02, 22,
+          dry=0.04),
+    Blade(14, (0.04, 0.09), (0.012, 0.020), (1.0, 1.4), (0.0, 0.4), HERB, 0.006, 8,
+          outline=leaf_outline, segments=6),
 )  # fmt: skip
 """Straw, a lower storey, tufts of red fescue, meadow-grass and cocksfoot, rosettes of herbs."""
 
 TURF = (
-    Kind(6000, (0.01, 0.04), (0.0009, 0.0018), LYING, (-0.1, 0.1), STRAW, low_m=(0, 0.003),
-         segments=1),
-    Kind(20000, (0.012, 0.030), (0.0012, 0.0022), (0.6, 1.4), (0.1, 0.6), MEADOW_GRASS, 0.010, 6,
-         dry=0.10, segments=2),
-    Kind(16000, (0.022, 0.050), (0.0010, 0.0015), (0.3, 1.1), (0.4, 1.1), RED_FESCUE, 0.016, 30,
-         dry=0.07, segments=2),
-    Kind(15000, (0.016, 0.042), (0.0016, 0.0030), (0.4, 1.1), (0.3, 1.0), MEADOW_GRASS, 0.012, 8,
-         dry=0.05, segments=3),
-    Kind(60, (0.015, 0.035), (0.006, 0.011), (1.2, 1.5), (0.0, 0.3), HERB, 0.004, 8,
+    Blade(6000, (0.01, 0.04), (0.0009, 0.0018), LYING, (-0.1, 0.1), STRAW, low_m=(0, 0.003),
+          segments=1),
+    Blade(20000, (0.012, 0.030), (0.0012, 0.0022), (0.6, 1.4), (0.1, 0.6), MEADOW_GRASS, 0.010, 6,
+          dry=0.10, segments=2),
+    Blade(16000, (0.022, 0.050), (0.0010, 0.0015), (0.3, 1.1), (0.4, 1.1), RED_FESCUE, 0.016, 30,
+          dry=0.07, segments=2),
+    Blade(15000, (0.016, 0.042), (0.0016, 0.0030), (0.4, 1.1), (0.3, 1.0), MEADOW_GRASS, 0.012, 8,
+          dry=0.05, segments=3),
+    Blade(60, (0.015, 0.035), (0.006, 0.011), (1.2, 1.5), (0.0, 0.3), HERB, 0.004, 8,
          low_m=(0.002, 0.008), outline=leaf_outline, segments=5),
 )  # fmt: skip
 """As `MEADOW`, but short; the herbs are daisies."""
@@ -102,7 +102,7 @@ class Sward(NamedTuple):
     """
 
     tile_m: float
-    kinds: tuple[Kind, ...]
+    kinds: tuple[Blade, ...]
     clover_per_m2: float
     clover_m: tuple[float, float]
     extinction_per_m: float

@@ -18,7 +18,7 @@ from oaisys_core.procedural.textures.recipes.finish import (
     Recipe,
     TextureMaps,
 )
-from oaisys_core.procedural.textures.recipes.stones import Ground, pour, stone_maps
+from oaisys_core.procedural.textures.recipes.stones import StoneBed, pour, stone_maps
 
 GRAVEL_STONES: tuple[Color, ...] = (
     (0.56, 0.49, 0.41),
@@ -106,14 +106,14 @@ def _gritty(
     *,
     height_m: float,
     cover: float,
-) -> Ground:
+) -> StoneBed:
     """Return swells of a standard deviation with grit of 2 to 6 mm on them."""
     high = swell(size_px, 3, rng, 2.2) * np.float32(height_m / tile_m)
     stones = grit(
         size_px, cast_rocks("angular"), PowerLaw(2.0), cover, (0.002 / tile_m, 0.006 / tile_m), rng
     )
     high += stones.height
-    return Ground(high, 1 + 0.13 * stones.tone, dust)
+    return StoneBed(high, 1 + 0.13 * stones.tone, dust)
 
 
 def sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -152,7 +152,7 @@ def _gritty_sand(
         gritty,
     )
     pour(bed, SAND_M, cast_rocks("angular"), PowerLaw(2.2), 0.07, (0.003, 0.01), LOOSE, rng, gritty)
-    return stone_maps(Ground(height, shade, tone), bed, SAND_M, stones, rng, roughness=0.93)
+    return stone_maps(StoneBed(height, shade, tone), bed, SAND_M, stones, rng, roughness=0.93)
 
 
 def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
@@ -184,7 +184,7 @@ def regolith(size_px: int, rng: np.random.Generator) -> TextureMaps:
     # Impacts weld powder to clods of its own colour.
     pour(clods, tile_m, cast_rocks("boulder"), PowerLaw(2.3), 0.2, (0.003, 0.05), SUNK, rng)
     shade = 1 + 0.025 * lumps + 0.03 * crumbs + 0.04 * (clods.ids % 5 - 2) * (clods.ids >= 0)
-    ground = Ground(fields.blur(clods.height, 0.8), shade, (0.40, 0.39, 0.375))
+    ground = StoneBed(fields.blur(clods.height, 0.8), shade, (0.40, 0.39, 0.375))
     bed = Bed(ground.height)
     patchy = np.clip(0.4 + 0.4 * swell(size_px, 3, rng), 0.08, 1)
     pour(bed, tile_m, cast_rocks("angular"), PowerLaw(2.1), 0.08, (0.004, 0.09), SUNK, rng, patchy)
@@ -224,7 +224,7 @@ def soil(size_px: int, rng: np.random.Generator) -> TextureMaps:
     pour(crumbs, tile_m, cast_rocks("boulder"), law, 0.7, (0.005, 0.05), SUNK, rng, loose)
     shade = 1 + 0.015 * rolling + 0.06 * crust - 0.3 * split
     shade += 0.05 * (crumbs.ids % 5 - 2) * (crumbs.ids >= 0)
-    ground = Ground(fields.blur(crumbs.height, 0.7), shade, (0.53, 0.43, 0.33))
+    ground = StoneBed(fields.blur(crumbs.height, 0.7), shade, (0.53, 0.43, 0.33))
     bed = Bed(ground.height)
     stony = np.clip(0.35 + 0.4 * swell(size_px, 4, rng), 0.05, 1)
     few = RosinRammler(0.02, 0.8)

@@ -13,7 +13,7 @@ from oaisys_core.procedural.terrain.noise import Field
 from oaisys_core.procedural.textures.baking.bed import Bed, Laying
 from oaisys_core.procedural.textures.baking.ground import fine_noises, sky_share, swell
 from oaisys_core.procedural.textures.baking.sizes import SizeLaw, draw_diameters
-from oaisys_core.procedural.textures.baking.stamps import Stamps
+from oaisys_core.procedural.textures.baking.stamps import MeshStamps
 from oaisys_core.procedural.textures.recipes.finish import Color, TextureMaps, linear_to_srgb
 
 BRIGHTNESS = 0.2
@@ -26,7 +26,7 @@ CHIPS_M = 0.0006
 """Standard deviation of the heights by which a stone's surface is uneven."""
 
 
-class Ground(NamedTuple):
+class StoneBed(NamedTuple):
     """What stones lie in.
 
     Attributes:
@@ -43,7 +43,7 @@ class Ground(NamedTuple):
 def pour(
     bed: Bed,
     tile_m: float,
-    stamps: Stamps,
+    stamps: MeshStamps,
     law: SizeLaw,
     cover: float,
     limits_m: tuple[float, float],
@@ -69,7 +69,7 @@ def pour(
 
 
 def stone_maps(
-    ground: Ground,
+    ground: StoneBed,
     bed: Bed,
     tile_m: float,
     tones: Sequence[Color],

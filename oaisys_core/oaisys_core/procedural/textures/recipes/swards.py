@@ -54,7 +54,7 @@ SIDEWAYS = 0.45
 """Share of the way by which the wind turns a blade to its own direction."""
 
 
-class Kind(NamedTuple):
+class Blade(NamedTuple):
     """A kind of blade; lengths in metres, angles in radians.
 
     Attributes:
@@ -109,7 +109,7 @@ class Crop(NamedTuple):
     colors: NDArray[np.float32]
 
 
-def grow(kind: Kind, plot: Plot, rng: np.random.Generator) -> Crop:
+def grow(kind: Blade, plot: Plot, rng: np.random.Generator) -> Crop:
     """Return the blades of a kind, which lean away from the middle of their tuft."""
     together = blades_as_one(sum(kind.width_m) / 2 / plot.tile_m, len(plot.ground))
     centre = _places(kind.per_m2 / kind.per_tuft / together, plot, rng)

@@ -9,7 +9,7 @@ from oaisys_core.procedural.textures.baking.bed import Bed, Laying
 from oaisys_core.procedural.textures.baking.sizes import PowerLaw, RosinRammler, draw_diameters
 from oaisys_core.procedural.textures.baking.stamps import (
     OUTSIDE,
-    Stamps,
+    MeshStamps,
     cast_from_above,
     cast_rocks,
     cast_stamps,
@@ -26,11 +26,11 @@ def ball() -> TriangleMesh:
 
 
 @pytest.fixture(scope="module")
-def ball_stamps() -> Stamps:
+def ball_stamps() -> MeshStamps:
     return cast_stamps([ball()])
 
 
-def bed_of(stamps: Stamps, diameters: list[float], laying: Laying, seed: int = 0) -> Bed:
+def bed_of(stamps: MeshStamps, diameters: list[float], laying: Laying, seed: int = 0) -> Bed:
     bed = Bed(np.zeros((SIZE, SIZE), np.float32))
     bed.add(stamps, np.array(diameters), laying, np.random.default_rng(seed))
     return bed
@@ -60,7 +60,7 @@ def test_a_plate_is_seen_the_right_way_up() -> None:
 
 
 @pytest.mark.parametrize("diameter", [0.04, 0.3], ids=["small", "large"])
-def test_a_ball_on_a_tile_is_a_ball(ball_stamps: Stamps, diameter: float) -> None:
+def test_a_ball_on_a_tile_is_a_ball(ball_stamps: MeshStamps, diameter: float) -> None:
     bed = bed_of(ball_stamps, [diameter], FLAT_OUT, seed=3)
     placed = bed.placements
     # Its disc has the area of one of that diameter.
@@ -77,13 +77,13 @@ def test_a_ball_on_a_tile_is_a_ball(ball_stamps: Stamps, diameter: float) -> Non
     assert (bed.height[bed.ids < 0] == 0).all()
 
 
-def test_what_is_buried_rises_less(ball_stamps: Stamps) -> None:
+def test_what_is_buried_rises_less(ball_stamps: MeshStamps) -> None:
     top = [bed_of(ball_stamps, [0.3], Laying(buried=(b, b))).height.max() for b in (0.0, 0.25, 0.5)]
     # A ball of diameter d rises by (1 - b) * d.
     assert np.allclose(np.array(top) / top[0], (1, 0.75, 0.5), atol=0.02)
 
 
-def test_a_later_thing_lies_on_an_earlier_one(ball_stamps: Stamps) -> None:
+def test_a_later_thing_lies_on_an_earlier_one(ball_stamps: MeshStamps) -> None:
     bed = bed_of(ball_stamps, [0.9], FLAT_OUT)
     below = bed.height.copy()
     bed.add(ball_stamps, np.full(20, 0.1), FLAT_OUT, np.random.default_rng(1))
@@ -92,7 +92,7 @@ def test_a_later_thing_lies_on_an_earlier_one(ball_stamps: Stamps) -> None:
     assert bed.height.max() > below.max() + 0.05
 
 
-def test_things_make_room_for_larger_ones(ball_stamps: Stamps) -> None:
+def test_things_make_room_for_larger_ones(ball_stamps: MeshStamps) -> None:
     """As wide as each other on a tile with half of it taken."""
     taken = {}
     for makes_room in (False, True):
@@ -105,7 +105,7 @@ def test_things_make_room_for_larger_ones(ball_stamps: Stamps) -> None:
     assert taken[False] > 0.1
 
 
-def test_density_keeps_things_where_it_is_high(ball_stamps: Stamps) -> None:
+def test_density_keeps_things_where_it_is_high(ball_stamps: MeshStamps) -> None:
     density = np.zeros((SIZE, SIZE), np.float32)
     density[: SIZE // 2] = 1
     bed = Bed(np.zeros((SIZE, SIZE), np.float32))

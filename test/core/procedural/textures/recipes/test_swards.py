@@ -6,7 +6,7 @@ import pytest
 from oaisys_core import randomness
 from oaisys_core.procedural.textures.recipes import grass, moss, swards
 from oaisys_core.procedural.textures.recipes.finish import TextureMaps
-from oaisys_core.procedural.textures.recipes.swards import Kind, Plot, grow, grow_clover
+from oaisys_core.procedural.textures.recipes.swards import Blade, Plot, grow, grow_clover
 
 SIZE = 256
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -43,7 +43,7 @@ def plain_plot(tile_m: float = 1.0, share: float = 1.0) -> Plot:
 
 @pytest.mark.parametrize("tile_m", [1.0, 2.0])
 def test_a_kind_is_sown_as_densely_and_as_large_as_it_says(tile_m: float) -> None:
-    kind = Kind(3000, (0.04, 0.1), (0.002, 0.004), (0.2, 0.8), (0.3, 1.0), GREEN, 0.02, 10)
+    kind = Blade(3000, (0.04, 0.1), (0.002, 0.004), (0.2, 0.8), (0.3, 1.0), GREEN, 0.02, 10)
     crop = grow(kind, plain_plot(tile_m, 0.5), np.random.default_rng(0))
     blades = crop.blades
     assert np.isclose(len(blades.length), 0.5 * 3000 * tile_m**2, rtol=0.15)
@@ -56,7 +56,7 @@ def test_a_kind_is_sown_as_densely_and_as_large_as_it_says(tile_m: float) -> Non
 
 
 def test_a_tuft_leans_outwards() -> None:
-    kind = Kind(900, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN, 0.02, 900)
+    kind = Blade(900, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN, 0.02, 900)
     blades = grow(kind, plain_plot(), np.random.default_rng(0)).blades
     away = blades.foot[:, :2] - blades.foot[:, :2].mean(axis=0)
     way = np.column_stack((np.sin(blades.heading), np.cos(blades.heading)))
@@ -65,7 +65,7 @@ def test_a_tuft_leans_outwards() -> None:
 
 
 def test_dry_blades_are_of_straw() -> None:
-    kind = Kind(5000, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN, dry=0.3)
+    kind = Blade(5000, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN, dry=0.3)
     colors = grow(kind, plain_plot(), np.random.default_rng(0)).colors
     is_straw = colors[:, 0] > colors[:, 1]
     assert np.isclose(is_straw.mean(), 0.3, atol=0.03)
@@ -84,7 +84,7 @@ def test_clover_has_three_leaflets_from_one_point() -> None:
 def test_it_grows_where_its_density_is() -> None:
     density = np.zeros((32, 32), np.float32)
     density[:, :16] = 1
-    kind = Kind(2000, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN)
+    kind = Blade(2000, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN)
     plot = plain_plot()._replace(density=density)
     blades = grow(kind, plot, np.random.default_rng(0)).blades
     assert (blades.foot[:, 1] < 0.5).all()
@@ -93,7 +93,7 @@ def test_it_grows_where_its_density_is() -> None:
 
 def test_coarse_texels_show_fewer_and_wider_blades() -> None:
     """The area of all of them remains."""
-    kind = Kind(3000, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN)
+    kind = Blade(3000, (0.05, 0.05), (0.002, 0.002), (0.5, 0.5), (0, 0), GREEN)
     fine = plain_plot()
     coarse = fine._replace(ground=fine.ground[:64, :64])
     many, few = (grow(kind, plot, np.random.default_rng(0)).blades for plot in (fine, coarse))
