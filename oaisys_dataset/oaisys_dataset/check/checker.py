@@ -15,7 +15,7 @@ import numpy as np
 from oaisys_core.errors import OaisysError
 from oaisys_core.verification.audit import sum_results
 from oaisys_dataset.check.head import PlannedPart, part_plans, world_faults, world_plans
-from oaisys_dataset.check.report import MAX_FINDINGS, CheckReport, Finding, ShardResult
+from oaisys_dataset.check.report import MAX_FINDINGS, CheckReport, DatasetFinding, ShardResult
 from oaisys_dataset.check.shard import check_shard
 from oaisys_dataset.check.truth import TruthCheck, TruthResult
 from oaisys_dataset.manifest import DatasetInfo
@@ -71,7 +71,7 @@ class _Summary:
     def __init__(self, place: StoragePlace, info: DatasetInfo) -> None:
         self._place = place
         self._info = info
-        self._findings: list[Finding] = []
+        self._findings: list[DatasetFinding] = []
         self._findings_total = 0
         self._counts: Counter[str] = Counter()
         self._splits: dict[int, str] = {}
@@ -115,7 +115,7 @@ class _Summary:
             first = self._frame_of_print.setdefault(pixels, frame)
             if first != frame:
                 text = f"all its images equal those of {first}"
-                self._note_found([Finding("duplicate", frame, text)])
+                self._note_found([DatasetFinding("duplicate", frame, text)])
         if not any(f.check in ("manifest", "shard", "image") for f in shard.findings):
             self.sound_worlds.append(shard.world)
 
@@ -126,7 +126,7 @@ class _Summary:
             return
         if shard.splits != {planned.split}:
             text = f"{min(shard.splits)!r}, expected {planned.split!r} as planned for its number"
-            self._note_found([Finding("split", manifest_name(shard.world), text)])
+            self._note_found([DatasetFinding("split", manifest_name(shard.world), text)])
 
     def rebuild(
         self,
@@ -160,7 +160,9 @@ class _Summary:
             self._notes += [note for note in truth.notes if note not in self._notes]
 
     def _note_cannot_rebuild(self, error: OaisysError) -> None:
-        self._note_found([Finding("head", HEAD, f"its worlds cannot be made again: {error}")])
+        self._note_found(
+            [DatasetFinding("head", HEAD, f"its worlds cannot be made again: {error}")]
+        )
 
     def report(self) -> CheckReport:
         """Return the report."""
@@ -187,7 +189,7 @@ class _Summary:
             found = truth.check(dataset, world)
         except OaisysError as error:
             text = f"it cannot be made again: {error}"
-            self._note_found([Finding("surface", f"world {world}", text)])
+            self._note_found([DatasetFinding("surface", f"world {world}", text)])
             return
         self._rebuilt.append(world)
         self._note_found(found.findings)
@@ -201,9 +203,9 @@ class _Summary:
         if first != world:
             splits = f"{self._splits.get(first)} and {self._splits.get(world)}"
             text = f"it is the same world as {first}: both have the seed {seed} ({splits})"
-            self._note_found([Finding("split", f"world {world}", text)])
+            self._note_found([DatasetFinding("split", f"world {world}", text)])
 
-    def _note_found(self, findings: Iterable[Finding]) -> None:
+    def _note_found(self, findings: Iterable[DatasetFinding]) -> None:
         for finding in findings:
             self._findings_total += 1
             if len(self._findings) < MAX_FINDINGS:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from oaisys_core.config import canonical_json, config_from_mapping, config_sha256
 from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_dataset.check.manifests import DueViews, due_views
-from oaisys_dataset.check.report import Finding
+from oaisys_dataset.check.report import DatasetFinding
 from oaisys_dataset.manifest import DatasetInfo
 from oaisys_dataset.merging.layout import worlds_sha256
 from oaisys_dataset.places import StoragePlace
@@ -46,10 +46,10 @@ class PlannedPart(NamedTuple):
     drawn_from: str
 
 
-def part_plans(info: DatasetInfo) -> tuple[list[PlannedPart], list[Finding]]:
+def part_plans(info: DatasetInfo) -> tuple[list[PlannedPart], list[DatasetFinding]]:
     """Return the parts of a data set, and how their heads contradict their configurations."""
     parts: list[PlannedPart] = []
-    findings: list[Finding] = []
+    findings: list[DatasetFinding] = []
     for first_world, of_part in info.parts:
         due = DueViews({}, {}, {})
         try:
@@ -59,9 +59,9 @@ def part_plans(info: DatasetInfo) -> tuple[list[PlannedPart], list[Finding]]:
             texts = [str(error)]
         parts.append(PlannedPart(first_world, of_part, due, worlds_sha256(of_part)))
         where = f"{HEAD}, from world {first_world}" if info.merged else HEAD
-        findings += (Finding("head", where, text) for text in texts)
+        findings += (DatasetFinding("head", where, text) for text in texts)
     if info.merged:
-        findings += (Finding("head", HEAD, text) for text in _merge_faults(info))
+        findings += (DatasetFinding("head", HEAD, text) for text in _merge_faults(info))
     return parts, findings
 
 
@@ -74,21 +74,21 @@ def world_plans(parts: list[PlannedPart]) -> dict[int, WorldTask]:
     }
 
 
-def world_faults(place: StoragePlace, info: DatasetInfo) -> Iterator[Finding]:
+def world_faults(place: StoragePlace, info: DatasetInfo) -> Iterator[DatasetFinding]:
     """Yield which worlds are missing, too many, without a manifest, or both whole and failed."""
     finished, failed = whole_worlds(place), world_failures(place)
     missing = sorted(set(range(info.worlds)) - {*finished, *failed})
     if missing:
         shown = ", ".join(map(str, missing[:5]))
         text = f"{len(missing)} of {info.worlds} worlds are not finished: {shown}"
-        yield Finding("missing", HEAD, text)
+        yield DatasetFinding("missing", HEAD, text)
     for world in finished:
         if world >= info.worlds:
-            yield Finding("head", tar_name(world), "the data set has fewer worlds")
+            yield DatasetFinding("head", tar_name(world), "the data set has fewer worlds")
     whole = {tar_name(world) for world in finished}
     for name in place.names(SHARDS):
         if name.endswith(".tar") and name not in whole:
-            yield Finding("shard", name, "it has no manifest")
+            yield DatasetFinding("shard", name, "it has no manifest")
     for world in failed:
         yield from _failure_faults(place, info, world, is_finished=world in finished)
 
@@ -127,20 +127,20 @@ def _merge_faults(info: DatasetInfo) -> Iterator[str]:
 
 def _failure_faults(
     place: StoragePlace, info: DatasetInfo, world: int, *, is_finished: bool
-) -> Iterator[Finding]:
+) -> Iterator[DatasetFinding]:
     """Yield what is wrong with the record of a world that could not be made."""
     name = failure_name(world)
     if is_finished:
-        yield Finding("head", name, "the world is finished, too")
+        yield DatasetFinding("head", name, "the world is finished, too")
     try:
         failure = read_failure(place, world)
     except OaisysError as error:
-        yield Finding("manifest", name, str(error))
+        yield DatasetFinding("manifest", name, str(error))
         return
     if failure.world != world:
-        yield Finding("manifest", name, f"it is of world {failure.world}, expected {world}")
+        yield DatasetFinding("manifest", name, f"it is of world {failure.world}, expected {world}")
     if world >= info.worlds:
-        yield Finding("head", name, "the data set has fewer worlds")
+        yield DatasetFinding("head", name, "the data set has fewer worlds")
     elif failure.split not in info.splits:
         expected = ", ".join(info.splits)
-        yield Finding("split", name, f"{failure.split!r}, expected one of {expected}")
+        yield DatasetFinding("split", name, f"{failure.split!r}, expected one of {expected}")

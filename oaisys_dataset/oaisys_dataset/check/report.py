@@ -13,7 +13,7 @@ MAX_FINDINGS = 1000
 
 
 @dataclass(frozen=True)
-class Finding:
+class DatasetFinding:
     """Something that is wrong with a data set.
 
     Attributes:
@@ -43,7 +43,7 @@ class ShardResult:
     """
 
     world: int
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[DatasetFinding] = field(default_factory=list)
     splits: set[str] = field(default_factory=set)
     seeds: set[int] = field(default_factory=set)
     prints: dict[str, bytes] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class ShardResult:
 
     def note(self, check: str, subject: str, text: str) -> None:
         """Add a finding."""
-        self.findings.append(Finding(check, subject, text))
+        self.findings.append(DatasetFinding(check, subject, text))
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class CheckReport:
     points: int
     audited: tuple[AuditResult, ...]
     notes: tuple[str, ...]
-    findings: tuple[Finding, ...] = field(repr=False)
+    findings: tuple[DatasetFinding, ...] = field(repr=False)
     findings_total: int = 0
     scans: int = 0
     scan_points: int = 0

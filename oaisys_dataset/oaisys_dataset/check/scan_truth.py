@@ -19,7 +19,7 @@ from oaisys_core.output.records import (
 from oaisys_core.scene import PoseAtTime
 from oaisys_core.types import FloatArray, LidarScan, point_dtype
 from oaisys_core.world.modules.lidars import lidar_info, motion_during_scan, sensor_poses
-from oaisys_dataset.check.report import Finding
+from oaisys_dataset.check.report import DatasetFinding
 from oaisys_dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_dataset.reader import Dataset
 from oaisys_dataset.scans import ScanRecord
@@ -52,12 +52,12 @@ class ScanCheck:
 
     def check(
         self, dataset: Dataset, record: ScanRecord, surface: WorldSurface
-    ) -> tuple[int, list[Finding]]:
+    ) -> tuple[int, list[DatasetFinding]]:
         """Return how many points of a scan were compared, and what was found."""
         info = self._infos.get(record.sensor)
         if info is None:
             text = f"the rig has no lidar {record.sensor!r}"
-            return 0, [Finding("camera", record.scan_id, text)]
+            return 0, [DatasetFinding("camera", record.scan_id, text)]
         findings = list(self._origin_faults(record))
         if record.sensor in self._inexact:
             return 0, findings
@@ -68,21 +68,21 @@ class ScanCheck:
         judged, stray = surface.stray(points_m, ranges_m)
         if surface.is_wrong(judged, stray):
             text = f"{stray} of {judged} random points are not on the surface of the world"
-            findings.append(Finding("surface", record.scan_id, text))
+            findings.append(DatasetFinding("surface", record.scan_id, text))
         return judged, findings
 
-    def _origin_faults(self, record: ScanRecord) -> Iterator[Finding]:
+    def _origin_faults(self, record: ScanRecord) -> Iterator[DatasetFinding]:
         """Yield how a lidar's pose and fields differ from those of the rig."""
         info = self._infos[record.sensor]
         T_map_base = pose_to_matrix(pose_from_record(record.rig_pose))
         off = np.abs(T_map_base @ info.T_base_lidar - record.pose).max()
         if not off <= POSE_TOLERANCE:
             text = f"T_map_lidar is {off:.3g} off the rig's pose with this lidar"
-            yield Finding("camera", record.scan_id, text)
+            yield DatasetFinding("camera", record.scan_id, text)
         expected = point_dtype(info.extra_fields).names
         if record.points.fields != expected:
             text = f"fields {record.points.fields}, expected {expected}"
-            yield Finding("manifest", record.scan_id, text)
+            yield DatasetFinding("manifest", record.scan_id, text)
 
     def _points_in_map(
         self, record: ScanRecord, scan: LidarScan, chosen: NDArray[np.int64]

@@ -33,7 +33,7 @@ from oaisys_core.verification.audit import AuditResult, audit_frames, sum_result
 from oaisys_core.verification.reference_scene import ReferenceScene
 from oaisys_core.world.batch import state_of
 from oaisys_dataset.check.object_rows import CHECK, differing_rows
-from oaisys_dataset.check.report import Finding
+from oaisys_dataset.check.report import DatasetFinding
 from oaisys_dataset.check.scan_truth import ScanCheck
 from oaisys_dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_dataset.check.view_truth import (
@@ -64,7 +64,7 @@ LARGEST_WRONG_SHARE = 5e-4
 class TruthResult:
     """What was found in rebuilt worlds."""
 
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[DatasetFinding] = field(default_factory=list)
     audited: list[AuditResult] = field(default_factory=list)
     points: int = 0
     scan_points: int = 0
@@ -191,7 +191,7 @@ class TruthCheck:
         found = self._finder.find(self._simulation.scene, record.camera, record.pose, ids)
         wanted = rows_of(pa.Table.from_batches([frame_objects(record, found)]))
         for text in differing_rows(dataset.objects(record), wanted):
-            result.findings.append(Finding(CHECK, record.frame_id, text))
+            result.findings.append(DatasetFinding(CHECK, record.frame_id, text))
 
     def _check_points(
         self, sample: DatasetSample, surface: WorldSurface, result: TruthResult
@@ -211,7 +211,7 @@ class TruthCheck:
         result.points += judged
         if surface.is_wrong(judged, stray):
             text = f"{stray} of {judged} random pixels are not on the surface of the world"
-            result.findings.append(Finding("surface", sample.record.frame_id, text))
+            result.findings.append(DatasetFinding("surface", sample.record.frame_id, text))
 
     def _check_scans(
         self,
@@ -229,7 +229,7 @@ class TruthCheck:
         for label_id, label in self._simulation.info().semantic_labels.items():
             if legend.labels.get(label_id) != label:
                 text = f"id {label_id} is {legend.labels.get(label_id)!r}, expected {label!r}"
-                result.findings.append(Finding("legend", f"world {world}", text))
+                result.findings.append(DatasetFinding("legend", f"world {world}", text))
 
     def _judge(self, world: int, result: TruthResult) -> None:
         result.audited = sum_results(result.audited)
@@ -241,7 +241,7 @@ class TruthCheck:
                     f" world, expected at most {LARGEST_WRONG_SHARE:.2%}"
                 )
                 subject = f"world {world}: {each.sensor}/{each.modality}"
-                result.findings.append(Finding(check, subject, text))
+                result.findings.append(DatasetFinding(check, subject, text))
 
 
 def _others(
@@ -252,20 +252,20 @@ def _others(
     return [each for each in others if each.provenance["metadata_json"] == metadata_json]
 
 
-def _camera_faults(record: FrameRecord, sensors: dict[str, SensorInfo]) -> Iterator[Finding]:
+def _camera_faults(record: FrameRecord, sensors: dict[str, SensorInfo]) -> Iterator[DatasetFinding]:
     """Yield how a frame's camera differs from that of the rig at the recorded pose."""
     sensor = sensors.get(record.sensor)
     if sensor is None:
-        yield Finding("camera", record.frame_id, f"the rig has no sensor {record.sensor!r}")
+        yield DatasetFinding("camera", record.frame_id, f"the rig has no sensor {record.sensor!r}")
         return
     if record.camera != sensor.intrinsics:
         text = f"received {record.camera}, expected {sensor.intrinsics}"
-        yield Finding("camera", record.frame_id, text)
+        yield DatasetFinding("camera", record.frame_id, text)
     T_map_base = pose_to_matrix(pose_from_record(record.rig_pose))
     off = np.abs(T_map_base @ sensor.T_base_camera - record.pose).max()
     if not off <= POSE_TOLERANCE:
         text = f"T_map_camera is {off:.3g} off the rig's pose with this sensor"
-        yield Finding("camera", record.frame_id, text)
+        yield DatasetFinding("camera", record.frame_id, text)
 
 
 def _only(record: FrameRecord, *modalities: str) -> list[Any]:

@@ -1,8 +1,9 @@
-"""Functions are named by verbs and nouns: a participle says neither what acts nor what returns."""
+"""Functions are named by verbs and nouns, and a name stands for one class."""
 
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
 from collections.abc import Iterator
 
 from repository import REPOSITORY
@@ -50,16 +51,30 @@ def is_participle(word: str) -> bool:
     return word in IRREGULAR or (word.endswith("ed") and word not in NO_PARTICIPLES)
 
 
-def test_no_public_function_begins_with_a_participle() -> None:
-    found = []
+def modules() -> Iterator[tuple[str, ast.Module]]:
+    """Yield path and syntax tree of the modules of product and tools."""
     for package in PACKAGES:
         for file in sorted((REPOSITORY / package).rglob("*.py")):
             where = file.relative_to(REPOSITORY).as_posix()
-            if "/pb/" in where or "/build/" in where:
-                continue
-            tree = ast.parse(file.read_text(encoding="utf-8"))
-            for place, name in public_functions(tree, where):
-                if name.islower() and is_participle(name.split("_")[0]) and name not in GIVEN:
-                    found.append(f"{place} {name}")
+            if "/pb/" not in where and "/build/" not in where:
+                yield where, ast.parse(file.read_text(encoding="utf-8"))
 
+
+def test_no_public_function_begins_with_a_participle() -> None:
+    found = [
+        f"{place} {name}"
+        for where, tree in modules()
+        for place, name in public_functions(tree, where)
+        if name.islower() and is_participle(name.split("_")[0]) and name not in GIVEN
+    ]
     assert not found, "imperatives for what acts, nouns for what is returned: " + "; ".join(found)
+
+
+def test_no_two_classes_share_a_name() -> None:
+    places: dict[str, list[str]] = defaultdict(list)
+    for where, tree in modules():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(where)
+    shared = {name: found for name, found in places.items() if len(found) > 1}
+    assert not shared, shared
