@@ -74,10 +74,8 @@ def test_a_drive_that_is_ended_has_a_finished_bag(tmp_path: Path, number: signal
     assert not list((tmp_path / "out").rglob("*.part"))
 
 
-@pytest.mark.parametrize(
-    "number",
-    [pytest.param(TERM, marks=pytest.mark.long), pytest.param(INT, marks=pytest.mark.soak)],
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("number", [TERM, INT])
 def test_a_gallery_that_is_ended_leaves_nothing(tmp_path: Path, number: signal.Signals) -> None:
     options = ("--out", tmp_path / "out", "--only", "stage_mo", "--backend", "analytic")
     process = begun(tmp_path, "tools.gallery", *options)
