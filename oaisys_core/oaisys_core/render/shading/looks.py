@@ -39,8 +39,9 @@ BED_SCALE = (8.0, 1 / 5)
 """Size of the beds of a cliff, along it and upright, in units of the ground's macro variation: from
 0.8 m on, and forty times as long as thick."""
 
-BED_CONTRAST = 3.0
-"""Contrast of beds in units of that of the macro variation."""
+BED_BRIGHTNESS_POWER, BRIGHTNESS_CHANNEL = 4, 1
+"""Beds are the macro variation times this power of its green channel, which has no tint: they have
+five times its contrast in brightness, but no more in hue, or dark beds were blue."""
 
 ALONG_BEDS = (0.8, 0.6, 0.0)
 """Direction along which beds vary, in ``map``."""

@@ -44,8 +44,9 @@ from oaisys_core.render.draft.ground.texture_atlas import (
 )
 from oaisys_core.render.shading.looks import (
     ALONG_BEDS,
-    BED_CONTRAST,
+    BED_BRIGHTNESS_POWER,
     BED_SCALE,
+    BRIGHTNESS_CHANNEL,
     MAX_TURNED_LAYERS,
     SIDE_BLEND,
     VARIATION_TILES,
@@ -244,14 +245,13 @@ class GroundTexture:
         if self._material.tone is not None:
             color *= self._masks.tone(points_m[:, :2])
         if self._macro is not None:
-            color *= self._macro_factor(place_m, (1.0, 1.0), 1.0)
+            color *= self._macro_factor(place_m, (1.0, 1.0))
             if axes is not None:
-                beds = np.stack((points_m @ np.array(ALONG_BEDS), points_m[:, 2])).T
-                color *= self._macro_factor(beds, BED_SCALE, BED_CONTRAST)
+                place_m = np.stack((points_m @ np.array(ALONG_BEDS), points_m[:, 2])).T
+                beds = self._macro_factor(place_m, BED_SCALE)
+                color *= beds * beds[:, [BRIGHTNESS_CHANNEL]] ** BED_BRIGHTNESS_POWER
 
-    def _macro_factor(
-        self, place_m: FloatArray, scale: tuple[float, float], contrast: float
-    ) -> Floats:
+    def _macro_factor(self, place_m: FloatArray, scale: tuple[float, float]) -> Floats:
         macro, image = self._material.macro, self._macro
         assert macro is not None
         assert image is not None
@@ -259,8 +259,8 @@ class GroundTexture:
         at = (each * (1 / (by * macro.period_m)) for each, by in zip(place_m.T, scale, strict=True))
         x, y = (fraction(each) * np.float32(size) + np.float32(0.5) for each in at)
         share = sample(image, x, y)
-        span = np.float32(contrast * (MAX_FACTOR - MIN_FACTOR) / 255)
-        return np.asarray(share * span + np.float32(1 - contrast * (1 - MIN_FACTOR)))
+        span = np.float32((MAX_FACTOR - MIN_FACTOR) / 255)
+        return np.asarray(share * span + np.float32(MIN_FACTOR))
 
     def _levels(self, footprint_m: Floats) -> Levels:
         """Return the (N,) levels of detail; `numpy.searchsorted` takes ten times as long."""

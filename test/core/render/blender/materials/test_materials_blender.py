@@ -185,10 +185,13 @@ def test_texels_smaller_than_a_pixel_are_seen_as_their_mean() -> None:
 
 @pytest.mark.long
 def test_cliffs_have_level_beds_and_no_streaks() -> None:
-    (albedo,) = (frame.data.mean(axis=-1) for frame in seen("beds"))
+    (frame,) = seen("beds")
+    albedo = frame.data.mean(axis=-1)
     beds = albedo.mean(axis=1)
     assert beds.std() > 5
     assert (albedo - beds[:, None]).std() < 0.5 * beds.std()
+    red, _, blue = (channel.mean(axis=1) for channel in np.moveaxis(frame.data, -1, 0))
+    assert np.log(blue / red).std() < 0.3 * np.log(beds).std()  # dark beds are not blue
 
 
 def test_fines_and_a_dark_contact_are_around_rocks_only() -> None:

@@ -18,9 +18,10 @@ from oaisys_core.render.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.render.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.render.shading.looks import (
     ALONG_BEDS,
-    BED_CONTRAST,
+    BED_BRIGHTNESS_POWER,
     BED_SCALE,
     BELOW_SURFACE,
+    BRIGHTNESS_CHANNEL,
     MAX_TURNED_LAYERS,
     VARIATION_TILES,
     VARIATION_TURN_RAD,
@@ -263,26 +264,26 @@ class LayerNodes:
     def _macro(self, macro: MacroVariation) -> Socket:
         """Return the colour factor that varies from metres to kilometres; cliffs have beds, too."""
         tree = self._tree
-        factor = self._pattern(self._plane.place, (1.0, 1.0), 1.0, macro)
+        factor = self._pattern(self._plane.place, (1.0, 1.0), macro)
         if self._plane.axes is None:
             return factor
         # The same along both sides, so that beds go on around the corners of a cliff.
         along = tree.dot(self._position, ALONG_BEDS)
         height = tree.add("SeparateXYZ", {0: self._position}).outputs["Z"]
-        beds = self._pattern(tree.combine(along, height, 0.0), BED_SCALE, BED_CONTRAST, macro)
-        return tree.vector("MULTIPLY", factor, beds)
+        beds = self._pattern(tree.combine(along, height, 0.0), BED_SCALE, macro)
+        brightness = tree.add("SeparateXYZ", {0: beds}).outputs[BRIGHTNESS_CHANNEL]
+        power = tree.math("POWER", brightness, BED_BRIGHTNESS_POWER)
+        scaled = tree.vector("MULTIPLY", beds, tree.combine(power, power, power))
+        return tree.vector("MULTIPLY", factor, scaled)
 
-    def _pattern(
-        self, place: Socket, scale: tuple[float, float], contrast: float, macro: MacroVariation
-    ) -> Socket:
+    def _pattern(self, place: Socket, scale: tuple[float, float], macro: MacroVariation) -> Socket:
         """Return the factor at a place, of a pattern that is larger by ``scale`` in u and v."""
         texel = self._tree.add("TexImage", {"Vector": place}, image=self._level.tables.macro)
         u, v = (1.0 / (macro.period_m * each) for each in scale)
         texel.texture_mapping.scale = (u, v, 1.0)
         texel.texture_mapping.translation = self._nudge
-        span = contrast * (MAX_FACTOR - MIN_FACTOR)
-        least = 1 - contrast * (1 - MIN_FACTOR)
-        return self._tree.vector("MULTIPLY_ADD", texel.outputs["Color"], span, least)
+        span = MAX_FACTOR - MIN_FACTOR
+        return self._tree.vector("MULTIPLY_ADD", texel.outputs["Color"], span, MIN_FACTOR)
 
 
 def _mean(tree: NodeTree, parts: list[Socket], weights: list[Socket]) -> Socket:
