@@ -129,21 +129,24 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
             ways.publish(MultiDOFJointTrajectory(points=[point]))
     assert user.set_pose(LOOKING).success
 
-    # A command every millisecond: the newest wins, the others are counted.
+    # A command every millisecond: the newest wins, the others are counted. On a starved machine,
+    # a view may fail, because the bridge has not heard from the simulator for too long.
     published = 1000
-    already = int(diagnostics(stage)["dropped_commands"])
-    rendered = int(diagnostics(stage)["rendered"])
+
+    def ended() -> int:
+        told = diagnostics(stage)
+        return sum(int(told[way]) for way in ("rendered", "dropped_commands", "failed"))
+
+    already = ended()
     for _ in range(published - 1):
         poses.publish(stamped(LOOKING))
         time.sleep(0.001)
     poses.publish(stamped(pose_looking_at((-5, -4, 4), (0, 0, 0))))
 
     def all_are_accounted_for() -> bool:
-        told = diagnostics(stage)
-        done = int(told["rendered"]) - rendered + int(told["dropped_commands"]) - already
-        return int(told["queue"]) == 0 and done >= published
+        return int(diagnostics(stage)["queue"]) == 0 and ended() - already >= published
 
-    user.wait_until(all_are_accounted_for, explain=lambda: (already, rendered, diagnostics(stage)))
+    user.wait_until(all_are_accounted_for, explain=lambda: (already, diagnostics(stage)))
     assert memory_mb(bridge.process.pid) < before_mb + 150
     assert user.set_pose(LOOKING).success
     assert "Traceback" not in bridge.log.read_text()
