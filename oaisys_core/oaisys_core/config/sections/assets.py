@@ -46,7 +46,8 @@ class RockGroupConfig(Labelled):
         size_exponent: Exponent of the power law of sizes: the number above size D goes as
             D**-exponent.
         variants: Number of different meshes.
-        sink: (least, most) share of a rock's height below the ground.
+        sink: (least, most) share of a rock's height below the ground; half of the rocks are in the
+            lowest eighth of the range.
         max_slope_deg: Steepest ground on which rocks are placed.
         beyond_stage: Whether rocks also lie on the land around the stage, fewer with the distance.
     """
@@ -57,7 +58,7 @@ class RockGroupConfig(Labelled):
     size_m: tuple[float, float] = (0.15, 1.2)
     size_exponent: Positive = 1.8
     variants: int = Field(default=24, ge=1, le=64)
-    sink: tuple[float, float] = (0.15, 0.4)
+    sink: tuple[float, float] = (0.1, 0.6)
     max_slope_deg: float = Field(default=40.0, ge=0, le=90)
     beyond_stage: bool = True
     label: LabelText = "rock"

@@ -48,7 +48,8 @@ class GroupConfig(ShapedConfig):
             to the ground; None is 0.2 for built-in plants (1 for meadows and moss) and 1 for all
             others.
         sink: (least, most) share of the height below the ground; None is [0, 0.03] for built-in
-            plants and [0.15, 0.4] for all others.
+            plants, [0.1, 0.6] for built-in rocks, of which half are in the lowest eighth of the
+            range, and [0.15, 0.4] for all others.
         beyond_stage: Whether they also stand on the land around the stage, fewer with the distance;
             None: rocks do, and built-in plants if ``size_m`` reaches 1 m.
     """

@@ -14,7 +14,6 @@ from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.scatter.density import Density, make_density
 from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.placement import (
-    MAX_BURIED,
     MAX_TILT_DEG,
     bedding,
     leaning,
@@ -23,6 +22,8 @@ from oaisys_core.procedural.scatter.placement import (
     slope_deg,
 )
 from oaisys_core.procedural.scatter.plants.organ_sizes import CLASS_RATIO
+from oaisys_core.procedural.scatter.resting import MAX_BURIED, resting_depth_m, sunk_shares
+from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.scatter.shapes import MATS, PLANTS
 from oaisys_core.procedural.scatter.spacing import (
     OccupiedPlaces,
@@ -69,15 +70,19 @@ class GroundAlignment(NamedTuple):
     sink: tuple[float, float]
 
 
+RESTING = GroundAlignment(tilt_deg=MAX_TILT_DEG, align=1.0, sink=(0.1, 0.6))
 LYING = GroundAlignment(tilt_deg=MAX_TILT_DEG, align=1.0, sink=(0.15, 0.4))
 ROOTED = GroundAlignment(tilt_deg=4.0, align=0.2, sink=(0.0, 0.03))
 SPREAD = GroundAlignment(tilt_deg=0.0, align=1.0, sink=(0.0, 0.03))
-"""Of stones and whatever else may lie anyhow, of plants, and of plants that are wider than high."""
+"""Of built-in rocks, of whatever else may lie anyhow, of plants, and of plants that are wider than
+high."""
 
 
 def ground_alignment(group: GroupConfig) -> GroundAlignment:
     """Return how a group's objects stand: as given, or as is usual for their shape."""
     usual = ROOTED if group.shape in PLANTS else LYING
+    if group.shape in ROCK_KINDS:
+        usual = RESTING
     if group.shape in MATS:
         usual = SPREAD
     return GroundAlignment(
@@ -119,9 +124,8 @@ def scatter_group(
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
-    footprints = np.array([footprint_of(shape) for shape in shapes])[shape_of]
     turns = randomness.child(rng, "turns")
-    return poses_at(group, ground, xy, sizes_m, footprints, turns), shape_of
+    return poses_at(group, ground, xy, sizes_m, shapes, shape_of, turns), shape_of
 
 
 def _out_of_water(density: Density, ground: Ground, least_m: float) -> Density:
@@ -264,7 +268,8 @@ def poses_at(
     ground: Ground,
     xy: FloatArray,
     sizes_m: FloatArray,
-    footprints: FloatArray,
+    shapes: list[MeshPrototype],
+    shape_of: NDArray[np.int64],
     rng: np.random.Generator,
 ) -> FloatArray:
     """Return (N, 4, 4) poses with scale of a group's instances at (N, 2) places on a ground.
@@ -274,26 +279,33 @@ def poses_at(
         ground: What they stand on.
         xy: The places.
         sizes_m: (N,) sizes.
-        footprints: (N, 2) heights and radii of their feet at a size of 1 m.
+        shapes: Its prototypes, each 1 m large.
+        shape_of: (N,) indices into them.
         rng: Draws headings, tilts and depths.
     """
     from scipy.spatial.transform import Rotation
 
     count = len(xy)
     stance = ground_alignment(group)
+    is_rock = group.shape in ROCK_KINDS
     yaw_rad = np.radians(rng.uniform(*group.yaw_deg, count))
     tilt_rad = np.radians(stance.tilt_deg) * rng.uniform(-1, 1, (count, 2))
-    sink = rng.uniform(*stance.sink, count)
+    sink = sunk_shares(stance.sink, count, rng) if is_rock else rng.uniform(*stance.sink, count)
     if not count:
         return np.zeros((0, 4, 4))
+    footprints = np.array([footprint_of(shape) for shape in shapes])[shape_of]
     height_m, foot_m = footprints.T * sizes_m
     slope, hollow_m = bedding(ground, xy, np.maximum(foot_m, ground.spacing_m / 2))
-    rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
-    rotation = leaning(slope, stance.align) * rotation
-    # Leaning away from the ground's normal lifts one side of the foot, so sink it deeper.
-    lean = np.linalg.norm(tilt_rad, axis=1)
-    lean += (1 - stance.align) * np.arctan(np.linalg.norm(slope, axis=1))
-    depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
-    # The whole base must be below the ground, unless it is level with the ground.
-    depth_m = np.minimum(depth_m, MAX_BURIED * height_m)
+    tilted = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+    rotation = leaning(slope, stance.align) * tilted
+    if is_rock:
+        as_it_lies = leaning(slope, stance.align - 1) * tilted
+        depth_m = resting_depth_m(as_it_lies, sizes_m, sink, hollow_m, shapes, shape_of)
+    else:
+        # Leaning away from the ground's normal lifts one side of the foot, so sink it deeper.
+        lean = np.linalg.norm(tilt_rad, axis=1)
+        lean += (1 - stance.align) * np.arctan(np.linalg.norm(slope, axis=1))
+        depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
+        # The whole base must be below the ground, unless it is level with the ground.
+        depth_m = np.minimum(depth_m, MAX_BURIED * height_m)
     return poses_with_scale(rotation, sizes_m, xy, ground.height_at(xy) - depth_m)

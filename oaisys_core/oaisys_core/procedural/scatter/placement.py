@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from oaisys_core.procedural.scatter.resting import resting_depth_m, sunk_shares
 from oaisys_core.procedural.scatter.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.procedural.terrain.noise import Field, spectral
-from oaisys_core.scene import Ground
+from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 
 if TYPE_CHECKING:
@@ -18,11 +20,8 @@ if TYPE_CHECKING:
 ROUNDS = 16
 """Rounds of drawing positions before fewer objects are accepted."""
 
-SPARE = 3
+SPARE = 6
 """Places drawn for each that is missing, if some are preferred."""
-
-MAX_BURIED = 0.8
-"""Largest share of an object's height below the ground, so that every object is visible."""
 
 MAX_TILT_DEG = 18.0
 """Largest tilt of things of `TILT_SIZE_M` away from the ground's normal, unless said otherwise."""
@@ -41,9 +40,6 @@ much farther it is for the source's own width; both in units of the source's siz
 ALIGNED_SLOPE, ALIGNED = (0.1, 0.55), 0.3
 """Slopes from which things begin to lie along the slope, and from which their bearings spread by
 this share of a half turn only: what slides turns its long side downhill."""
-
-LIFTED = 0.3
-"""By how much a tilt of 1 rad lifts the edge of a thing's foot, in its size."""
 
 BURYING_SLOPE, BURIED = 0.25, 2.0
 """Slope from which on things are sunk deeper, and how much more for a slope of 1."""
@@ -78,9 +74,9 @@ def scatter_on(
     max_tilt_deg: float = MAX_TILT_DEG,
     clumping: float = 0.7,
     fragments: float = 0.0,
-    height_share: float = 0.6,
+    shapes: Sequence[MeshPrototype] = (),
     preference: Callable[[FloatArray], FloatArray] | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
     """Return the poses of objects on the ground, fewer than there are sizes if there is no room.
 
     Args:
@@ -88,20 +84,20 @@ def scatter_on(
         sizes_m: (M,) wanted sizes along the longest axis.
         rng: Draws positions and orientations.
         min_spacing: Least distance between two objects, in units of their mean size.
-        sink: Range of the share of an object's height below the ground; more if the ground is
-            hollow or the object leans.
+        sink: Range of the share of an object's height below the ground, see `sunk_shares`; more if
+            the ground is hollow or steep.
         max_slope_deg: Steepest ground that is used.
         max_tilt_deg: Largest tilt away from the ground's normal, about either axis, at
             `TILT_SIZE_M`.
         clumping: 0 for an even spread; with 1 some patches are almost empty.
         fragments: Share of the objects that are drawn beside one of the largest, where they broke
             off: the more, the larger its area is.
-        height_share: Height of the objects relative to their longest axis.
+        shapes: Of the objects, 1 m large; without any they are balls.
         preference: Density at (N, 2) points, 0 to 1; None is 1 everywhere.
 
     Returns:
-        (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
-        first.
+        (N, 4, 4) rotation times uniform scale with translation, (N,) sizes in metres, largest
+        first, and (N,) indices into ``shapes``.
     """
     sizes_m = np.sort(sizes_m)[::-1]
     density = np.clip(0.5 + 0.5 * clumping * _patches(ground, rng), 0.05, 1)
@@ -132,7 +128,9 @@ def scatter_on(
             drawn = draw(missing, sources)
             xy = _keep_apart(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
-    return poses_on(ground, xy, sizes_m, rng, sink, height_share, max_tilt_deg), sizes_m
+    shape_of = rng.integers(max(len(shapes), 1), size=len(xy))
+    poses = poses_on(ground, xy, sizes_m, rng, sink, shapes, shape_of, max_tilt_deg)
+    return poses, sizes_m, shape_of
 
 
 def _beside(
@@ -198,7 +196,8 @@ def poses_on(
     sizes_m: FloatArray,
     rng: np.random.Generator,
     sink: tuple[float, float],
-    height_share: float,
+    shapes: Sequence[MeshPrototype],
+    shape_of: NDArray[np.int64],
     max_tilt_deg: float = MAX_TILT_DEG,
 ) -> FloatArray:
     """Return (N, 4, 4) poses with scale of things at (N, 2) places; see `scatter_on`."""
@@ -208,18 +207,17 @@ def poses_on(
     yaw_rad = rng.uniform(-np.pi, np.pi, count)
     factor = np.clip(np.sqrt(TILT_SIZE_M / np.maximum(sizes_m, 1e-6)), *TILT_FACTORS)
     tilt_rad = np.radians(max_tilt_deg) * factor[:, None] * rng.uniform(-1, 1, (count, 2))
-    sunk = height_share * rng.uniform(*sink, count)
+    sunk = sunk_shares(sink, count, rng)
     if not count:
         return np.zeros((0, 4, 4))
     slope, hollow_m = bedding(ground, xy, sizes_m / 2)
-    # Leaning lifts one side of the foot, and debris gathers above what lies on a slope.
+    # Debris gathers above what lies on a slope.
     steep = np.maximum(np.linalg.norm(slope, axis=1) - BURYING_SLOPE, 0.0)
     sunk *= 1 + BURIED * steep
-    depth_m = sizes_m * (sunk + LIFTED * np.linalg.norm(tilt_rad, axis=1))
     yaw_rad = _along_slope(yaw_rad, slope)
     rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+    depth_m = resting_depth_m(rotation, sizes_m, sunk, hollow_m, shapes, shape_of)
     rotation = leaning(slope) * rotation
-    depth_m = np.minimum(depth_m + hollow_m, MAX_BURIED * height_share * sizes_m)
     return poses_with_scale(rotation, sizes_m, xy, ground.height_at(xy) - depth_m)
 
 

@@ -5,9 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from oaisys_core.config.sections.assets import RockGroupConfig
+from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.scatter.abundance import rock_abundance
 from oaisys_core.procedural.scatter.density import bilinear
+from oaisys_core.procedural.scatter.groups import scatter_group
 from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
 from oaisys_core.procedural.scatter.rock_families import ROUNDED, family_density
 from oaisys_core.procedural.scatter.rocks import (
@@ -116,18 +119,60 @@ def test_an_icosphere_has_20_times_4_to_the_n_triangles(subdivisions: int) -> No
 @pytest.mark.parametrize("kind", sorted(ROCK_KINDS))
 def test_no_rock_floats(ground: HeightField, kind: str) -> None:
     rng = np.random.default_rng(1)
-    rock = make_rock(kind, rng, 3).vertices_m
-    height = float(rock[:, 2].max())
-    T_map_object, _ = scatter_on(ground, sizes_m_of(300, 0.2, 1.5), rng, height_share=height)
-    for T in T_map_object:
-        vertices_m = rock @ T[:3, :3].T + T[:3, 3]
+    rocks = [make_rock(kind, rng, 3) for _ in range(3)]
+    T_map_object, _, shape_of = scatter_on(ground, sizes_m_of(300, 0.2, 1.5), rng, shapes=rocks)
+    for T, index in zip(T_map_object, shape_of, strict=True):
+        vertices_m = rocks[index].vertices_m @ T[:3, :3].T + T[:3, 3]
         above_m = vertices_m[:, 2] - ground.height_at(vertices_m[:, :2])
         assert np.nanmin(above_m) < 0, "its lowest part is in the ground"
         assert np.nanmax(above_m) > 0, "and its highest is not"
 
 
+@pytest.mark.parametrize("kind", sorted(ROCK_KINDS))
+@pytest.mark.parametrize("place", ["rocks", "group"])
+def test_most_rocks_lie_on_level_ground_and_a_few_are_embedded(kind: str, place: str) -> None:
+    """The median rock was sunk by half of its height, and lay in the ground like a tile."""
+    x = np.zeros((129, 129), np.float32)
+    ground, rng = HeightField(x, (-100.0, -100.0), 200 / 128), np.random.default_rng(13)
+    rocks = [make_rock(kind, rng, 3) for _ in range(6)]
+    if place == "rocks":
+        config = RockGroupConfig(kind=kind)
+        T, _, shape_of = scatter_on(
+            ground, sizes_m_of(600, 0.2, 1.5), rng, sink=config.sink, shapes=rocks
+        )
+    else:
+        group = GroupConfig(
+            name="g", label="g", semantic_id=9, shape=kind, count=(600, 600), size_m=(0.2, 1.5)
+        )
+        T, shape_of = scatter_group(group, 600, rocks, ground, rng)
+    heights_m = [
+        rocks[index].vertices_m @ pose[2, :3] + pose[2, 3]
+        for pose, index in zip(T, shape_of, strict=True)
+    ]
+    buried = np.array([-z.min() / np.ptp(z) for z in heights_m])
+    assert buried.min() >= 0.1
+    assert buried.max() <= 0.61
+    assert ((buried > 0.1) & (buried < 0.25)).mean() > 0.55
+    assert 0.08 < (buried > 0.4).mean() < 0.25
+
+
+def test_rocks_lie_below_a_scarp_rather_than_above() -> None:
+    """Rocks that roll come to rest where their source is seen at 27.5 degrees or steeper."""
+    x = np.linspace(-50, 50, 129)
+    step_m = np.tile(10 / (1 + np.exp(-x)), (129, 1)).astype(np.float32)
+    ground = HeightField(step_m, (-50.0, -50.0), 100 / 128)
+    liked = family_density("angular", ground)
+    away_m = np.array([5.0, 8.0, 11.0, 40.0])
+    below = liked(np.column_stack((-away_m, np.zeros(4))))
+    above = liked(np.column_stack((away_m, np.zeros(4))))
+    assert (below[:2] > 1.5 * above[:2]).all()
+    assert (np.diff(below) <= 0).all()
+    assert 10 / np.tan(np.radians(27.5)) < 40
+    assert below[3] == pytest.approx(above[3], abs=0.01)
+
+
 def test_rocks_keep_their_distance(ground: HeightField) -> None:
-    T_map_object, sizes_m = scatter_on(
+    T_map_object, sizes_m, _ = scatter_on(
         ground, sizes_m_of(400, 0.3, 1.0), np.random.default_rng(2), min_spacing=1.0
     )
     pairs = cKDTree(T_map_object[:, :2, 3]).query_pairs(1.0, output_type="ndarray")
@@ -139,7 +184,9 @@ def test_rocks_keep_their_distance(ground: HeightField) -> None:
 
 
 def test_poses_are_rotations_times_the_size(ground: HeightField) -> None:
-    T_map_object, sizes_m = scatter_on(ground, sizes_m_of(50, 0.3, 1.0), np.random.default_rng(3))
+    T_map_object, sizes_m, _ = scatter_on(
+        ground, sizes_m_of(50, 0.3, 1.0), np.random.default_rng(3)
+    )
     R = T_map_object[:, :3, :3] / sizes_m[:, None, None]
     assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-12)
     assert np.allclose(np.linalg.det(R), 1)
@@ -149,7 +196,7 @@ def test_things_lie_flat_on_a_slope() -> None:
     x = np.linspace(-20, 20, 129)
     slope = np.tile(np.tan(np.radians(30)) * x, (129, 1)).astype(np.float32)
     ground = HeightField(slope, (-20.0, -20.0), 40 / 128)
-    T_map_object, sizes_m = scatter_on(
+    T_map_object, sizes_m, _ = scatter_on(
         ground,
         sizes_m_of(60, 0.3, 2.0),
         np.random.default_rng(8),
@@ -169,7 +216,7 @@ def test_large_things_lie_flatter_and_slid_ones_point_downhill() -> None:
         field = np.tile(steepness * x, (129, 1)).astype(np.float32)
         ground = HeightField(field, (-20.0, -20.0), 40 / 128)
         rng = np.random.default_rng(8)
-        T, sizes_m = scatter_on(ground, sizes_m_of(300, 0.2, 2.0), rng, min_spacing=0.0)
+        T, sizes_m, _ = scatter_on(ground, sizes_m_of(300, 0.2, 2.0), rng, min_spacing=0.0)
         R = T[:, :3, :3] / sizes_m[:, None, None]
         normal = np.array((-steepness, 0.0, 1.0)) / np.hypot(steepness, 1.0)
         lean_rad = np.arccos(R[:, :, 2] @ normal)
@@ -188,7 +235,7 @@ def test_rounded_rocks_lie_where_water_runs_and_angular_ones_near_scarps() -> No
     for kind in ("angular", "rounded"):
         liked = family_density(kind, ground)
         rng = np.random.default_rng(9)
-        T, _ = scatter_on(ground, sizes_m_of(400, 0.1, 0.2), rng, clumping=0.0, preference=liked)
+        T, _, _ = scatter_on(ground, sizes_m_of(400, 0.1, 0.2), rng, clumping=0.0, preference=liked)
         assert len(T) == 400
         at[kind] = T[:, :2, 3]
     near = {kind: (np.abs(xy[:, 0] + 8) < 5).mean() for kind, xy in at.items()}
@@ -201,7 +248,7 @@ def test_no_rock_stands_on_steep_ground() -> None:
     x = np.linspace(-20, 20, 129)
     slope = np.where(x > 0, np.tan(np.radians(50)) * x, 0).astype(np.float32)
     ground = HeightField(np.tile(slope, (129, 1)), (-20.0, -20.0), 40 / 128)
-    T_map_object, _ = scatter_on(
+    T_map_object, _, _ = scatter_on(
         ground, sizes_m_of(100, 0.2, 0.5), np.random.default_rng(4), max_slope_deg=40.0
     )
     assert len(T_map_object) == 100
@@ -210,14 +257,14 @@ def test_no_rock_stands_on_steep_ground() -> None:
 
 def test_where_there_is_no_room_fewer_are_placed() -> None:
     ground = make_ground("plane", 4.0, 9, np.random.default_rng(0))
-    T_map_object, sizes_m = scatter_on(
+    T_map_object, sizes_m, _ = scatter_on(
         ground, sizes_m_of(500, 1.0, 1.0), np.random.default_rng(5), min_spacing=1.0
     )
     assert 0 < len(T_map_object) == len(sizes_m) < 40
 
 
 def test_nothing_is_placed_where_nothing_is_wanted(ground: HeightField) -> None:
-    T_map_object, _ = scatter_on(ground, sizes_m_of(0, 0.2, 0.5), np.random.default_rng(6))
+    T_map_object, _, _ = scatter_on(ground, sizes_m_of(0, 0.2, 0.5), np.random.default_rng(6))
     assert T_map_object.shape == (0, 4, 4)
 
 
@@ -228,7 +275,7 @@ def test_fragments_lie_in_clusters_beside_larger_rocks(ground: HeightField) -> N
         """
         rng = np.random.default_rng(11)
         sizes_m = sizes_m_of(600, 0.1, 1.0)
-        T, _ = scatter_on(ground, sizes_m, rng, clumping=0.0, fragments=fragments)
+        T, _, _ = scatter_on(ground, sizes_m, rng, clumping=0.0, fragments=fragments)
         assert len(T) == 600
         xy = T[:, :2, 3]
         nearest_m = cKDTree(xy).query(xy, k=2)[0][:, 1].mean()
@@ -270,7 +317,7 @@ def test_things_are_sunk_deeper_on_a_slope() -> None:
     for slope in (0.0, 0.7):
         plane_m = np.tile(slope * x, (129, 1)).astype(np.float32)
         ground = HeightField(plane_m, (-20.0, -20.0), 40 / 128)
-        T_map_object, sizes_m = scatter_on(
+        T_map_object, sizes_m, _ = scatter_on(
             ground, sizes_m_of(60, 0.3, 2.0), np.random.default_rng(8), max_tilt_deg=0.0
         )
         depth_m = slope * T_map_object[:, 0, 3] - T_map_object[:, 2, 3]

@@ -93,8 +93,8 @@ def _crush_stones(
     ground = _gritty(size_px, rng, tile_m, dust, height_m=0.007, cover=0.55)
     bed = Bed(ground.height)
     angular = cast_rocks("angular")
-    pour(bed, tile_m, angular, law, 0.85, (0.006, 0.15), SUNK, rng, crowded)
-    pour(bed, tile_m, angular, law, 0.08, (0.005, 0.03), LOOSE, rng, crowded)
+    pour(bed, tile_m, angular, law, 0.5, (0.006, 0.15), SUNK, rng, crowded)
+    pour(bed, tile_m, angular, law, 0.4, (0.005, 0.12), LOOSE, rng, crowded)
     return stone_maps(ground, bed, tile_m, stones, rng, roughness=0.86)
 
 

@@ -17,7 +17,6 @@ from oaisys_core.procedural.scatter.beyond_stage import (
     places_beyond,
     plant_places_beyond,
 )
-from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.groups import WADING_M, poses_at
 from oaisys_core.procedural.scatter.ids import IdBlock
 from oaisys_core.procedural.scatter.placement import poses_on, rim_m, slope_deg
@@ -25,7 +24,6 @@ from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
 from oaisys_core.scene import MeshPrototype, Placement, TerrainMaterial
 from oaisys_core.types import FloatArray
-from oaisys_core.world.modules.assets.rocks import height_share
 
 NEAR = 6.0
 """Distance from the stage, in units of a plant's size, from which plants are thinned out."""
@@ -75,9 +73,8 @@ def plants_beyond(
     xy_m = T_map_object[:, :2, 3]
     found = plant_places_beyond(group, xy_m, sizes_m, ground, material, places, is_under)
     shape_of, sizes_m = shape_of[found.like], sizes_m[found.like]
-    footprints = np.array([footprint_of(shape) for shape in plants.shapes])[shape_of]
     turns = randomness.child(rng, "turns")
-    poses = poses_at(group, ground, found.xy_m, sizes_m, footprints, turns)
+    poses = poses_at(group, ground, found.xy_m, sizes_m, plants.shapes, shape_of, turns)
     numbers = ids.ids(len(poses))
     is_near = found.distance < NEAR
     prototypes: list[MeshPrototype] = []
@@ -123,7 +120,8 @@ def rocks_beyond(
         sizes_m[found.like],
         randomness.child(rng, "turns"),
         group.sink,
-        height_share(rocks.shapes),
+        rocks.shapes,
+        shape_of,
     )
     numbers = ids.ids(len(poses))
     return [

@@ -169,11 +169,10 @@ class AssetGenerator:
         for index, group in enumerate(self._config.rocks):
             shapes = rock_shapes(group, maps, self._rng)
             sizes_m = rock_sizes_m(group, factor, self._ground, self._rng)
-            T_map_object = rock_poses(group, sizes_m, self._ground, shapes, self._rng)
+            T_map_object, shape_of = rock_poses(group, sizes_m, self._ground, shapes, self._rng)
             if len(T_map_object) < len(sizes_m):
                 placed = GroupCount(f"rocks.{index}", len(sizes_m), len(T_map_object))
                 self._counts.append(placed)
-            shape_of = self._rng.integers(len(shapes), size=len(T_map_object))
             ids = self._plan.rocks.ids(number + len(T_map_object))[number:]
             number += len(T_map_object)
             if number > MAX_INSTANCES:

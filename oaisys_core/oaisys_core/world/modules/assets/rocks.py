@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.config.sections.assets import RockGroupConfig
 from oaisys_core.config.sections.groups import MAX_INSTANCES
@@ -57,9 +58,12 @@ def rock_poses(
     ground: Ground,
     shapes: list[MeshPrototype],
     rng: np.random.Generator,
-) -> FloatArray:
-    """Return the (N, 4, 4) poses with scale of a group's rocks, of up to (M,) sizes."""
-    T_map_object, _ = scatter_on(
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return the (N, 4, 4) poses with scale of a group's rocks, of up to (M,) sizes.
+
+    Beside them are (N,) indices into ``shapes``.
+    """
+    T_map_object, _, shape_of = scatter_on(
         ground,
         sizes_m,
         rng,
@@ -67,11 +71,6 @@ def rock_poses(
         max_slope_deg=group.max_slope_deg,
         fragments=fragment_share(group.kind),
         preference=family_density(group.kind, ground),
-        height_share=height_share(shapes),
+        shapes=shapes,
     )
-    return T_map_object
-
-
-def height_share(shapes: list[MeshPrototype]) -> float:
-    """Return the mean height of rocks above their origin, relative to their longest axis."""
-    return float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes]))
+    return T_map_object, shape_of
