@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 MAX_BURIED = 0.8
 """Largest share of an object's height below the ground, so that every object is visible."""
 
+FOOT_SHARE = 0.12
+"""Least share of a stone's surface below level ground: about that of a ball sunk by as much."""
+
 REACH_CHUNK = 4096
 """Number of things of one shape whose points are turned at once."""
 
@@ -49,23 +52,24 @@ def resting_depth_m(
         shapes: As `scatter_on` takes them.
         shape_of: (N,) indices into them.
     """
-    low, high = _reach(rotation.as_matrix()[:, 2], shapes, shape_of)
+    low, foot, high = _reach(rotation.as_matrix()[:, 2], shapes, shape_of)
     height = high - low
-    # What leans has the middle of its foot on the ground, or it would stand on an edge.
-    depth = np.maximum(sunk * height + low, 0.0) + hollow_m / sizes_m
+    # What leans, or has an uneven foot, would stand on an edge.
+    depth = np.maximum(sunk * height + low, foot) + hollow_m / sizes_m
     return np.asarray(sizes_m * np.minimum(depth, MAX_BURIED * height + low))
 
 
 def _reach(
     up: FloatArray, shapes: Sequence[MeshPrototype], shape_of: NDArray[np.int64]
-) -> tuple[FloatArray, FloatArray]:
-    """Return (N,) heights of the lowest and highest points of shapes above their origins.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (N,) heights above their origins of the lowest points of shapes, of their feet, below
+    which `FOOT_SHARE` of their points are, and of their highest points.
 
     Args:
         up: (N, 3) upward directions in the frames of the shapes.
         shapes, shape_of: As `scatter_on` takes and returns them.
     """
-    low, high = np.zeros(len(up)), np.ones(len(up))
+    low, foot, high = np.zeros(len(up)), np.zeros(len(up)), np.ones(len(up))
     for index, shape in enumerate(shapes):
         x, y, z = shape.vertices_m.T.astype(np.float64)
         chosen = np.flatnonzero(shape_of == index)
@@ -74,4 +78,6 @@ def _reach(
             a, b, c = up[some].T[:, :, None]
             heights = a * x + b * y + c * z
             low[some], high[some] = heights.min(axis=1), heights.max(axis=1)
-    return low, high
+            place = int(FOOT_SHARE * len(x))
+            foot[some] = np.partition(heights, place, axis=1)[:, place]
+    return low, foot, high
