@@ -57,6 +57,13 @@ class MeshMaterial(ShortRepr):
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
 
 
+FIRST_NEEDLE, NEEDLE_STEP = 2, 4
+"""Values of `MeshPrototype.needles` on the first needle of a row, and from one to the next."""
+
+MOST_NEEDLES = (255 - FIRST_NEEDLE) // NEEDLE_STEP
+"""Largest number of needles from one end of a row to the other."""
+
+
 @dataclass(frozen=True, repr=False)
 class MeshPrototype(ShortRepr):
     """A mesh of which the world may contain many instances.
@@ -73,6 +80,8 @@ class MeshPrototype(ShortRepr):
         color_image_srgb: (H, W, 3) uint8, first row on top; used instead of vertex colours.
         translucency: (V,) uint8, with ``vertex_colors_srgb``: by 255, the share of scattered light
             that leaves on the other side, as through leaves; None for none.
+        needles: (V,) uint8, with ``translucency``: on what stands for rows of needles, its place
+            across them; needles lie `FIRST_NEEDLE` + k `NEEDLE_STEP`. None for closed surfaces.
         materials: Used instead of ``color_image_srgb`` and ``color_srgb``, with ``uv``.
         material_of: (T,) uint16 index into ``materials`` of each triangle; None: the first.
         water: How it reflects and hides the bottom, if it is water.
@@ -90,6 +99,7 @@ class MeshPrototype(ShortRepr):
     uv: NDArray[np.float32] | None = None
     color_image_srgb: NDArray[np.uint8] | None = None
     translucency: NDArray[np.uint8] | None = None
+    needles: NDArray[np.uint8] | None = None
     materials: tuple[MeshMaterial, ...] = ()
     material_of: NDArray[np.uint16] | None = None
     water: WaterSurface | None = None

@@ -78,4 +78,5 @@ def _some(plant: MeshPrototype, is_kept: NDArray[np.bool_]) -> MeshPrototype:
         triangles=index[plant.triangles[chosen]],
         vertex_colors_srgb=None if colors is None else colors[is_kept],
         translucency=None if light is None else light[is_kept],
+        needles=None if plant.needles is None else plant.needles[is_kept],
     )

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.color import linear, srgb
 from oaisys_core.scene import MeshPrototype
+from oaisys_core.scene.objects import FIRST_NEEDLE, NEEDLE_STEP
 from oaisys_core.types import FloatArray
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -29,6 +30,7 @@ class MeshBuilder:
         self._triangles: list[NDArray[np.int32]] = []
         self._colors: list[FloatArray] = []
         self._translucency: list[FloatArray] = []
+        self._needles: list[FloatArray] = []
         self._count = 0
 
     def add(
@@ -38,17 +40,21 @@ class MeshBuilder:
         color_srgb: ArrayLike,
         *,
         translucency: float = 0.0,
+        needles: ArrayLike = 0.0,
     ) -> None:
         """Add (V, 3) vertices and (T, 3) triangles with a (3,) colour or (V, 3) colours, 0 to 1.
 
-        ``translucency`` is the share of scattered light that leaves on the other side, as through
-        leaves.
+        Args:
+            vertices_m, triangles, color_srgb: The mesh.
+            translucency: Share of scattered light that leaves on the other side, as through leaves.
+            needles: (V,) numbers of needles from the end of a row, of what stands for rows.
         """
         vertices = np.asarray(vertices_m, dtype=np.float64)
         self._vertices.append(vertices)
         self._triangles.append(np.asarray(triangles, np.int32) + np.int32(self._count))
         self._colors.append(np.broadcast_to(np.asarray(color_srgb, np.float64), vertices.shape))
         self._translucency.append(np.full(len(vertices), translucency))
+        self._needles.append(np.broadcast_to(np.asarray(needles, np.float64), len(vertices)))
         self._count += len(vertices)
 
     @property
@@ -195,6 +201,8 @@ class MeshBuilder:
         translucency = np.concatenate(self._translucency)
         leaves = translucency > 0
         colors[leaves] = _under_cuticle(colors[leaves])
+        needles = np.concatenate(self._needles)
+        across = np.rint(FIRST_NEEDLE + NEEDLE_STEP * needles).astype(np.uint8)
         mean = colors.mean(axis=0)
         return MeshPrototype(
             name=name,
@@ -205,6 +213,7 @@ class MeshBuilder:
             translucency=np.rint(translucency * 255).astype(np.uint8)
             if translucency.any()
             else None,
+            needles=across if needles.any() else None,
             dust_m=dust_m,
         )
 

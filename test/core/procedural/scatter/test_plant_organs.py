@@ -311,3 +311,27 @@ def test_a_placed_and_an_added_tree_have_needles_of_their_own_size() -> None:
         assert len(scene.placements) == 3
     finally:
         simulation.close()
+
+
+@pytest.mark.parametrize("size_m", [1.0, 3.0, 8.0, 15.0])
+@pytest.mark.parametrize("name", ["spruce", "pine", "dwarf_pine", "juniper"])
+def test_rows_are_shown_as_needles_of_the_width_of_the_species(name: str, size_m: float) -> None:
+    """Shoots of 5 to 25 cm stand for needles, and looked like leaves of bamboo near the camera."""
+    plant = make_shape(name, np.random.default_rng(4), plant_m=size_m)
+    if plant.needles is None:
+        (needles,) = organs_of(plant, size_m)
+        assert needles.shape[1] == 3, "each needle is a triangle"
+        return
+    assert plant.translucency is not None
+    corners = plant.vertices_m[plant.triangles].astype(np.float64) * size_m
+    number = (plant.needles[plant.triangles].astype(np.float64) - 2) / 4
+    is_row = (np.ptp(number, axis=1) > 0) & (plant.translucency[plant.triangles[:, 0]] > 0)
+    sides = corners[is_row, 1:] - corners[is_row, :1]
+    # The gradient of the number across a triangle, by which needles are apart.
+    steps = number[is_row, 1:] - number[is_row, :1]
+    gradient = np.einsum("nij,nj->ni", np.linalg.pinv(sides), steps)
+    widths_m = 0.5 / np.linalg.norm(gradient, axis=1)
+    low_m, high_m = ORGANS[name]["leaf"].width_m
+    assert ((widths_m >= low_m) & (widths_m <= high_m)).mean() > 0.99
+    stems = plant.translucency == 0
+    assert (plant.needles[stems] == 2).all(), "stems are closed"

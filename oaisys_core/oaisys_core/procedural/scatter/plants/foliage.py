@@ -36,6 +36,10 @@ LEAF_TRIANGLES = 4
 NEEDLE_SHARE, FORK_SHARE = 0.1, 0.45
 """Shares of the triangles that needles and forks have where shoots stand for most needles."""
 
+NEEDLE_PITCH = 2.4
+"""Distance of the needles of a row along its shoot, in their width. They lean against it, so that
+across them it is some twice their width, and gaps are as wide as they are."""
+
 TWIG_LEAVES = 8
 """Organs on each of the outermost twigs, which are triangles."""
 
@@ -138,6 +142,7 @@ class Dress:
         longest_m = float(np.clip(0.5 * twig_m, low_m, high_m))
         length_m = float(np.clip(area_m2 / width_m, low_m, longest_m))
         share = min(1.0, area_m2 / (length_m * width_m))
+        needle_m = NEEDLE_PITCH * self.organ.mean_width_m / self.size_m
         for number, is_fork in ((shoots, False), (forks, True)):
             feet, directions, colors = self._places(share * number, rng)
             lengths = length_m * rng.uniform(0.75, 1.3, len(feet))
@@ -145,10 +150,10 @@ class Dress:
             teeth, _ = self.organ.draw(len(feet), rng, self.size_m)
             if is_fork:
                 organs = Organs(feet, directions, lengths, 2 * SPREAD * teeth, colors)
-                add_forks(self.parts, organs, rng)
+                add_forks(self.parts, organs, rng, needle_m)
             else:
                 organs = Organs(feet, directions, lengths, teeth, colors)
-                add_shoots(self.parts, organs, rng, slim=self.foliage.slim)
+                add_shoots(self.parts, organs, rng, needle_m, slim=self.foliage.slim)
 
     def _places(
         self, wanted: float, rng: np.random.Generator

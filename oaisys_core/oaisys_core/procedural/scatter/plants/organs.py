@@ -5,6 +5,7 @@ Colours are sRGB-encoded, 0 to 1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
 from oaisys_core.procedural.scatter.plants.growth import UP, Stems, across, unit
+from oaisys_core.scene.objects import MOST_NEEDLES
 from oaisys_core.types import FloatArray
 
 LEAF_TRANSLUCENCY = 0.45
@@ -138,6 +140,9 @@ def add_kites(
 
 SHOOT_TRIANGLES, FORK_TRIANGLES = 4, 2
 
+FORK_ROOT = 0.25
+"""Share of a fork's shoot at which the needle begins that ends in the corner at its side."""
+
 SPREAD = 0.82
 """Share of a needle's length by which it stands off its twig."""
 
@@ -146,12 +151,18 @@ def add_shoots(
     parts: MeshBuilder,
     organs: Organs,
     rng: np.random.Generator,
+    needle_m: float,
     *,
     slim: bool = False,
 ) -> None:
     """Add shoots full of needles: four teeth around a spine, each as long as the shoot is wide.
 
-    ``slim`` teeth take a third of the spine, others half.
+    Args:
+        parts: Where they are added.
+        organs: The shoots.
+        rng: Turns them.
+        needle_m: Distance of the needles that a tooth stands for, see `_numbers`.
+        slim: Whether teeth take a third of the spine; others take half.
     """
     feet_m, directions, lengths_m, teeth_m, colors = organs
     ahead = unit(directions)
@@ -171,15 +182,30 @@ def add_shoots(
     else:
         faces = np.array(((0, 1, 3), (0, 1, 4), (1, 2, 5), (1, 2, 6)))
     shade = np.concatenate((np.linspace(0.72, 1.05, len(spine)), (1.1, 1.1, 1.15, 1.15)))
-    _add(parts, np.stack(corners, axis=1), faces, colors[:, None] * shade[:, None])
+    _add(parts, np.stack(corners, axis=1), faces, colors[:, None] * shade[:, None],
+         needles=_numbers(lengths_m, needle_m, (*spine, *apexes)))  # fmt: skip
+
+
+def _numbers(lengths_m: FloatArray, needle_m: float, shares: Sequence[float]) -> FloatArray:
+    """Return (N, C) numbers of needles before shares of shoots of (N,) lengths.
+
+    Needles are ``needle_m`` apart along a shoot, or farther where they would be more than a row may
+    have.
+    """
+    count = np.minimum(lengths_m / needle_m, MOST_NEEDLES)
+    return np.asarray(count[:, None] * np.asarray(shares, np.float64))
 
 
 def add_forks(
     parts: MeshBuilder,
     organs: Organs,
     rng: np.random.Generator,
+    needle_m: float,
 ) -> None:
-    """Add pairs of shoots as they look from afar: two triangles that begin at one point."""
+    """Add pairs of shoots as they look from afar: two triangles that begin at one point.
+
+    ``needle_m`` is as in `add_shoots`.
+    """
     feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(directions)
     level = unit(np.cross(ahead, UP + 0.5 * rng.normal(size=ahead.shape)))
@@ -191,7 +217,9 @@ def add_forks(
         corners += [tip, feet_m + 0.4 * lengths_m[:, None] * way + widths_m[:, None] * side]
     shade = np.array((0.72, 1.12, 0.95, 1.12, 0.95))
     faces = np.array(((0, 1, 2), (0, 3, 4)))
-    _add(parts, np.stack(corners, axis=1), faces, colors[:, None] * shade[:, None])
+    roots = (0.0, 1.0, FORK_ROOT, 1.0, FORK_ROOT)
+    _add(parts, np.stack(corners, axis=1), faces, colors[:, None] * shade[:, None],
+         needles=_numbers(lengths_m, needle_m, roots))  # fmt: skip
 
 
 def add_needles(
@@ -270,12 +298,22 @@ def _add(
     faces: NDArray[np.int64],
     colors: FloatArray,
     translucency: float = NEEDLE_TRANSLUCENCY,
+    needles: FloatArray | None = None,
 ) -> None:
-    """Add N copies of a pattern: (N, C, 3) corners, (F, 3) faces of each, colours as corners."""
+    """Add N copies of a pattern: (N, C, 3) corners, (F, 3) faces of each, colours as corners.
+
+    ``needles`` are (N, C) numbers, see `MeshBuilder.add`.
+    """
     count, number = corners.shape[:2]
     triangles = (faces[None] + number * np.arange(count)[:, None, None]).reshape(-1, 3)
     of_corners = np.broadcast_to(colors, corners.shape).reshape(-1, 3)
-    parts.add(corners.reshape(-1, 3), triangles, of_corners, translucency=translucency)
+    parts.add(
+        corners.reshape(-1, 3),
+        triangles,
+        of_corners,
+        translucency=translucency,
+        needles=0.0 if needles is None else needles.ravel(),
+    )
 
 
 def _colors(colors: ArrayLike, count: int, along_count: int) -> FloatArray:

@@ -13,18 +13,16 @@ from oaisys_core.render.blender.compat import node_tree_of
 from oaisys_core.render.blender.materials.contact import with_dust
 from oaisys_core.render.blender.materials.haze import through_haze, without_light_sampling
 from oaisys_core.render.blender.materials.images import BYTE, ImageStore
-from oaisys_core.render.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
+from oaisys_core.render.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.render.blender.objects.instances import SIZE
 from oaisys_core.render.shading.looks import (
     BOX_BLEND,
     DULL,
     IOR,
     OBJECT_ROUGHNESS,
-    PLANT_TINTS,
     ROCK_BRIGHTNESS,
     ROCK_BUMP_M,
     SHINY,
-    THROUGH_LEAF,
 )
 from oaisys_core.render.shading.shading import mean_color
 from oaisys_core.scene import MeshPrototype, PbrMaps
@@ -142,30 +140,14 @@ def color_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
     result = new_material(prototype.name)
     tree = NodeTree(node_tree_of(result))
     color = _from_vertices(tree, prototype, mesh)
-    if prototype.translucency is not None:
-        _show_leaves(tree, color)
-        return result
     if prototype.dust_m:
         color = with_dust(tree, color, 0.5, prototype.dust_m)
     show(tree, *diffuse(tree, color, OBJECT_ROUGHNESS, None))
     return result
 
 
-def _show_leaves(tree: NodeTree, color: Socket) -> None:
-    """Let light through leaves; their tint differs from instance to instance."""
-    least, most = PLANT_TINTS
-    random = tree.add("ObjectInfo").outputs["Random"]
-    tint = tree.color_mix(random, (*least, 1.0), (*most, 1.0)).outputs[MIX_RESULT]
-    color = tree.vector("MULTIPLY", color, tint)
-    surface, airlight = diffuse(tree, color, OBJECT_ROUGHNESS, None)
-    through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
-    behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]
-    share = tree.add("Attribute", attribute_name=PAINT).outputs["Alpha"]
-    show(tree, tree.mix(share, surface, behind), airlight)
-
-
 def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
-    paint_vertices(prototype, mesh, prototype.translucency)
+    paint_vertices(prototype, mesh, None)
     return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]
 
 

@@ -13,6 +13,7 @@ from mathutils import Matrix
 from oaisys_core.raycast.solids import tessellate
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.materials.mesh_materials import add_materials
+from oaisys_core.render.blender.materials.plants import plant_material
 from oaisys_core.render.blender.materials.surfaces import (
     color_material,
     paint_vertices,
@@ -188,6 +189,8 @@ class SceneObjects:
         if prototype.water is not None:
             paint_vertices(prototype, mesh, prototype.water.opacity)
             return water_material(prototype)
+        if maps is None and prototype.translucency is not None:
+            return plant_material(prototype, mesh)
         if maps is None:
             painted = color_material(prototype, mesh)
             return painted or plain_material(prototype.color_srgb)
