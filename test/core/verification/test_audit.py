@@ -184,7 +184,7 @@ def test_the_command_writes_figures_and_keeps_to_its_limit(tmp_path: Path) -> No
     [
         ({}, {}, ["--size", "1x1"], "camera: width_px, height_px: received (1, 1), expected at"),
         ({}, {}, ["--size", "96x2"], "received (96, 2), expected at least 3 x 3 pixels"),
-        ({}, {}, ["--size", "3x3"], "views in which camera/depth has pixels off edges"),
+        ({}, {}, ["--size", "3x3"], "has pixels off edges to compare"),
         ({}, {"passes": ["rgb"]}, [], "there are no depth or labels to audit"),
         ({"step_offset": 5}, {}, [], "views: received 1, expected so many that a camera is due"),
         ({"modalities": ["rgb", "normal"]}, {}, [], "no depth or labels to audit"),

@@ -67,6 +67,9 @@ GRAVEL_M, PEBBLES_M, SAND_M, REGOLITH_M, SOIL_M = 2.8, 2.2, 3.6, 2.8, 2.8
 LOOSE = Laying(buried=(0.0, 0.25))
 """Stones that lie open."""
 
+MIXED = Laying(buried=(0.0, 0.5))
+"""Stones of which some lie open, and fines have come around others."""
+
 SUNK = Laying(buried=(0.2, 0.6))
 """Stones that fines have come around."""
 
@@ -93,8 +96,8 @@ def _crush_stones(
     ground = _gritty(size_px, rng, tile_m, dust, height_m=0.007, cover=0.55)
     bed = Bed(ground.height)
     angular = cast_rocks("angular")
-    pour(bed, tile_m, angular, law, 0.5, (0.006, 0.15), SUNK, rng, crowded)
-    pour(bed, tile_m, angular, law, 0.4, (0.005, 0.12), LOOSE, rng, crowded)
+    pour(bed, tile_m, angular, law, 0.85, (0.006, 0.15), MIXED, rng, crowded)
+    pour(bed, tile_m, angular, law, 0.08, (0.005, 0.03), LOOSE, rng, crowded)
     return stone_maps(ground, bed, tile_m, stones, rng, roughness=0.86)
 
 
