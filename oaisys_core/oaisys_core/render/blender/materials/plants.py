@@ -32,13 +32,13 @@ OPEN_PX_M, CLOSED_PX_M = 0.003, 0.012
 NEEDLE_TONES = (0.75, 0.5)
 """Brightness of the darkest needle of a row, and by how much the brightest one is brighter."""
 
-PLATE_M, PLATE_STRETCH = 0.035, 0.45
+PLATE_M, PLATE_STRETCH = 0.03, 0.3
 """Width of the plates of bark, and their width over their length."""
 
-FURROW = 0.16
+FURROW = 0.22
 """Width of the furrows between plates, in units of their width, from middle to rim."""
 
-FURROW_M, FURROW_SHADE, PLATE_SHADE = 0.008, 0.6, 0.7
+FURROW_M, FURROW_SHADE, PLATE_SHADE = 0.008, 0.4, 0.7
 """Depth of the furrows, how much darker they are, and how much plates differ."""
 
 SMOOTH_RED, ROUGH_RED = 0.4, 0.15
