@@ -359,11 +359,12 @@ class Surface:
     def height_m(self, xy_m: FloatArray) -> FloatArray:
         """Return the (N,) heights of the topmost surface at (N, 2) points, NaN where there is none.
 
-        Land beyond the stage counts, but not a plain.
+        Land beyond the stage counts, but neither a plain nor grass of the ground.
         """
         height_m = self._scene.ground.height_at(xy_m)
         for target in self._targets:
-            height_m = np.fmax(height_m, target.surface_height_m(xy_m))
+            if target not in self._objects.cover_targets:
+                height_m = np.fmax(height_m, target.surface_height_m(xy_m))
         return height_m
 
     def mesh(self) -> TriangleMesh:

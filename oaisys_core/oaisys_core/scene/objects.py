@@ -116,6 +116,16 @@ class MeshPrototype(ShortRepr):
         return (MeshMaterial(self.name, color_image_srgb=self.color_image_srgb),)
 
 
+FIRST_COVER_ID = 2**31
+"""Id from which on things belong to the ground; images of instances show 0 there."""
+
+
+def shown_ids(instance_ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return (...) ids as images of instances show them: 0 for what belongs to the ground."""
+    is_cover = instance_ids >= FIRST_COVER_ID
+    return np.where(is_cover, np.uint32(0), instance_ids) if is_cover.any() else instance_ids
+
+
 @dataclass(frozen=True, repr=False)
 class Placement(ShortRepr):
     """The instances of one prototype.
@@ -124,7 +134,8 @@ class Placement(ShortRepr):
         prototype: Index into `Scene.prototypes`.
         semantic_ids: From level 0 on.
         T_map_object: (N, 4, 4) float64, rotation times uniform scale, and translation.
-        instance_ids: (N,) uint32, unique in the scene, from 1.
+        instance_ids: (N,) uint32, unique in the scene, from 1; from `FIRST_COVER_ID` on those of
+            what belongs to the ground.
         is_moving: Whether its poses change with every sample; those of others rarely change.
         on_land: Whether they stand on the land around the stage: they are seen as it is, but are
             not part of the ground truth mesh.
@@ -136,6 +147,14 @@ class Placement(ShortRepr):
     instance_ids: NDArray[np.uint32]
     is_moving: bool = False
     on_land: bool = False
+
+    @property
+    def is_ground_cover(self) -> bool:
+        """Whether they belong to the ground, as grass does: they are seen, and have its labels.
+
+        They are no instances to a user, and not part of heights nor of the ground truth mesh.
+        """
+        return len(self.instance_ids) > 0 and int(self.instance_ids[0]) >= FIRST_COVER_ID
 
 
 @dataclass(frozen=True, repr=False)

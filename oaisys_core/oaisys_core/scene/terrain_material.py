@@ -92,6 +92,7 @@ class TerrainLayer:
     Attributes:
         tiling: How copies of the texture are laid on the ground.
         label_image: Labels that vary within a tile; None if they are ``semantic_ids`` everywhere.
+        sward: The grass that stands on it, by name; None for none.
     """
 
     label: str
@@ -99,6 +100,7 @@ class TerrainLayer:
     maps: PbrMaps
     tiling: Tiling = field(default_factory=PlainTiling)
     label_image: LabelImage | None = None
+    sward: str | None = None
 
     def ids_at(self, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:
         """Return (N,) ids of the layer at (N, 2) points, by the texture sample of most weight."""

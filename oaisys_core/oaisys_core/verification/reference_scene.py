@@ -55,7 +55,7 @@ class ReferenceScene:
         parts += [
             _instances(scene.prototypes[placement.prototype], placement)
             for placement in scene.placements
-            if placement.on_land
+            if placement.on_land or placement.is_ground_cover
         ]
         self._stage_triangles = sum(len(part.triangles) for part in parts)
         if (land := scene.far_ground) is not None:
@@ -119,7 +119,7 @@ class ReferenceScene:
 
 
 def _instances(prototype: MeshPrototype, placement: Placement) -> TriangleMesh:
-    """Return what stands on the land, which is no part of the ground-truth mesh.
+    """Return what stands on the land, or is grass, which is no part of the ground-truth mesh.
 
     Not by the function that merges instances for the rays that are judged.
     """

@@ -120,6 +120,9 @@ class LookConfig(Section):
             1 for ridges and scarps; None for what is usual for a built-in texture, such as -0.8 for
             sand and 1 for bedrock, and 0 for a folder.
         when: Where it may lie; None for anywhere.
+        sward: Grass that stands on it: short ``turf``, ``grass``, or ``none``; None for that of the
+            built-in textures of these names, and none on others. A layer on which a group of
+            ``grass_tuft``, ``meadow`` or ``flower_meadow`` stands by its density has none.
     """
 
     texture: str = "gravel"
@@ -134,6 +137,7 @@ class LookConfig(Section):
     share: Weight | None = None
     exposure: float | None = Field(default=None, ge=-1, le=1)
     when: ConditionConfig | None = None
+    sward: Literal["none", "turf", "grass"] | None = None
 
 
 class LayerConfig(Labelled, LookConfig):

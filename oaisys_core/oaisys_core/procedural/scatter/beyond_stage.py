@@ -66,18 +66,20 @@ def plant_places_beyond(
     material: TerrainMaterial | None,
     rng: np.random.Generator,
     is_under: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
+    most: int = ON_LAND,
 ) -> PlacesBeyond:
     """Return where plants stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
 
     Layers and slopes of the land count as those of the stage do; see `places_beyond`. ``is_under``
     says at which (N, 2) points the water on the land is too deep for them; None: there is none.
+    ``most`` is the largest number.
     """
 
     def suits(found: PlacesBeyond) -> NDArray[np.bool_]:
         suited = _suits(group, xy_m, found, ground, material, rng)
         return suited if is_under is None else suited & ~is_under(found.xy_m)
 
-    return places_beyond(xy_m, sizes_m, ground, rng, suits)
+    return places_beyond(xy_m, sizes_m, ground, rng, suits, most=most)
 
 
 def places_beyond(
@@ -87,12 +89,13 @@ def places_beyond(
     rng: np.random.Generator,
     suits: Callable[[PlacesBeyond], NDArray[np.bool_]],
     margin_m: float = 0.0,
+    most: int = ON_LAND,
 ) -> PlacesBeyond:
     """Return where things stand beyond a stage, given the (N, 2) places and (N,) sizes on it.
 
     The things of the stage are mirrored at its edges and shifted a little, so that their number is
     the same on both sides of an edge. They get fewer with the distance in units of their sizes, up
-    to `REACH`, or nearer if they would be more than `ON_LAND`. ``suits`` says where they may.
+    to `REACH`, or nearer if they would be more than ``most``. ``suits`` says where they may.
     Those of the stage keep ``margin_m`` from its edge, and are mirrored at that distance from it.
     """
     x0, y0, x1, y1 = ground.extent_m
@@ -117,7 +120,7 @@ def places_beyond(
     found = PlacesBeyond(np.concatenate(places), np.concatenate(likes), np.concatenate(distances))
     may = suits(found)
     first = np.argsort(np.where(may, np.concatenate(turns), np.inf), kind="stable")
-    chosen = np.sort(first[: min(ON_LAND, int(may.sum()))])
+    chosen = np.sort(first[: min(most, int(may.sum()))])
     return PlacesBeyond(found.xy_m[chosen], found.like[chosen], found.distance[chosen])
 
 

@@ -47,6 +47,7 @@ class PlacementTargets:
         self._meshes: dict[int, PrototypeMesh] = {}
         self._static: list[PlacedPrototype] = []
         self._static_targets: list[RayTarget] = []
+        self._cover_targets: list[RayTarget] = []
         self._merged: MergedTarget | None = None
         self._moving: list[PlacedPrototype] = []
         self._moving_targets: list[RayTarget] = []
@@ -82,12 +83,27 @@ class PlacementTargets:
             self._moving = others
             self._moving_targets = [self._instances(others)] if others else []
 
+    @property
+    def cover_targets(self) -> list[RayTarget]:
+        """Those of `targets` that belong to the ground."""
+        return self._cover_targets
+
     def meshes(self) -> list[TriangleMesh]:
         """Return the meshes of all placements on the stage, with ids per triangle."""
         placed = (*self._static, *self._moving)
-        return [each.merge() for each in placed if not each.placement.on_land]
+        return [
+            each.merge()
+            for each in placed
+            if not (each.placement.on_land or each.placement.is_ground_cover)
+        ]
 
     def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
+        cover = [each for each in placed if each.placement.is_ground_cover]
+        self._cover_targets = [self._instances(cover)] if cover else []
+        others = [each for each in placed if not each.placement.is_ground_cover]
+        return [*self._targets_of_objects(others), *self._cover_targets]
+
+    def _targets_of_objects(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
         self._merged = None
         if not placed:
             return []

@@ -13,6 +13,7 @@ from oaisys_core import randomness
 from oaisys_core.config.sections.layers import LayerConfig, LookConfig
 from oaisys_core.config.sections.materials import MaterialsConfig, PoolConfig
 from oaisys_core.errors import InvalidInputError, one_of, quote
+from oaisys_core.procedural.scatter.plants.swards import SWARDS
 from oaisys_core.procedural.textures import (
     TEXTURES,
     TEXTURES_WITH_STONES,
@@ -102,7 +103,8 @@ class LayerLibrary:
         )
         maps = self._remember(repr((source, tile_m, color_change, relief_m, strength)), change)
         labels = _label_image(config, maps.tile_m, materials)
-        layer = TerrainLayer(config.label, config.semantic_ids, maps, _tiling(config, rng), labels)
+        tiling, sward = _tiling(config, rng), sward_of(config)
+        layer = TerrainLayer(config.label, config.semantic_ids, maps, tiling, labels, sward)
         return DrawnLayer(config, layer, relief_m or 0.0)
 
     def _remember(self, key: str, make: Callable[[], PbrMaps]) -> PbrMaps:
@@ -209,6 +211,13 @@ def exposure_of(look: LookConfig) -> float:
     if look.exposure is not None:
         return look.exposure
     return 0.0 if look.folder is not None else texture_exposure(look.texture)
+
+
+def sward_of(look: LookConfig) -> str | None:
+    """Return the name of the grass that stands on a layer; None for none."""
+    usual = look.texture if look.folder is None and look.texture in SWARDS else None
+    name = look.sward or usual
+    return None if name == "none" else name
 
 
 def _all_layers(materials: MaterialsConfig) -> Iterator[tuple[str, LayerConfig]]:

@@ -245,6 +245,7 @@ def add_blades(
     feet_srgb: FloatArray,
     tips_srgb: FloatArray,
     rng: np.random.Generator,
+    translucency: float = NEEDLE_TRANSLUCENCY,
 ) -> None:
     """Add blades of grass along stems: strips of (S,) widths that end in points.
 
@@ -273,7 +274,7 @@ def add_blades(
     )
     mix = np.concatenate((share[:-1], share[:-1], share[-1:]))[:, None]
     colors = feet_srgb[:, None] * (1 - mix) + tips_srgb[:, None] * mix
-    _add(parts, corners, faces, colors)
+    _add(parts, corners, faces, colors, translucency)
 
 
 def shades(

@@ -71,7 +71,7 @@ def plants_beyond(
         is_under = partial(water.covers, depth_m=WADING_M.get(group.shape or "", 0.0))
     places = randomness.child(rng, "places")
     xy_m = T_map_object[:, :2, 3]
-    found = plant_places_beyond(group, xy_m, sizes_m, ground, material, places, is_under)
+    found = plant_places_beyond(group, xy_m, sizes_m, ground, material, places, is_under, ids.size)
     shape_of, sizes_m = shape_of[found.like], sizes_m[found.like]
     turns = randomness.child(rng, "turns")
     poses = poses_at(group, ground, found.xy_m, sizes_m, plants.shapes, shape_of, turns)

@@ -36,6 +36,11 @@ from oaisys_core.scene import (
 from oaisys_core.scene.surroundings import FarGround
 from oaisys_core.types import FloatArray, Georeference, GroupCount, Pose
 from oaisys_core.world.modules.assets.beyond import ThingsOnStage, plants_beyond, rocks_beyond
+from oaisys_core.world.modules.assets.ground_cover import (
+    CoveredGround,
+    draw_ground_cover,
+    layers_with_grass,
+)
 from oaisys_core.world.modules.assets.metadata import AssetMetadata
 from oaisys_core.world.modules.assets.movers import Mover, scale_pose
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
@@ -74,10 +79,11 @@ class DrawnAssets:
 
     @cached_property
     def instances(self) -> dict[int, int]:
-        """Index into ``placements`` by instance id."""
+        """Index into ``placements`` by instance id, without what belongs to the ground."""
         return {
             instance_id: index
             for index, each in enumerate(self.placements)
+            if not each.placement.is_ground_cover
             for instance_id in each.placement.instance_ids.tolist()
         }
 
@@ -91,7 +97,7 @@ class Site(NamedTuple):
     """Where the objects of a batch stand.
 
     Attributes:
-        material: Of the ground, if objects lie where a layer does; else None.
+        material: Of the ground, if objects or grass stand where a layer lies; else None.
         land: Around the stage, if anything stands on it; else None.
         water_m: Level of the water on the stage; None: there is none.
         water_beyond: On that land; it follows from land and level.
@@ -145,6 +151,7 @@ class AssetGenerator:
         for group, (block, on_land) in zip(self._config.groups, blocks, strict=True):
             factor = metadata.count_factor * metadata.group(group.name).count_factor
             self._draw_group(group, block, on_land, factor)
+        self._draw_ground_cover()
         for index, thing in enumerate(self._config.objects):
             self._add_object(thing, FIRST_OBJECT_ID + index)
         for index, mover in enumerate(self._config.movers):
@@ -210,6 +217,20 @@ class AssetGenerator:
             return
         around = GroundAround(site.ground, site.land)
         self._place_beyond(group, plants, on_land, around, randomness.child(rng, "beyond"))
+
+    def _draw_ground_cover(self) -> None:
+        """Draw the grass that layers of the ground bring with them."""
+        site = self._site
+        if site.material is None:
+            return
+        layers = layers_with_grass(site.material, self._config.groups)
+        covered = CoveredGround(
+            site.ground, site.material, site.land, site.water_m, site.water_beyond
+        )
+        rng = randomness.child(self._rng, "ground cover")
+        prototypes, placements = draw_ground_cover(covered, layers, len(self._prototypes), rng)
+        self._prototypes.extend(prototypes)
+        self._placements.extend(AssetPlacement(each) for each in placements)
 
     def _place_beyond(
         self,

@@ -28,6 +28,7 @@ from oaisys_core.types import ObjectPage, ObjectQuery, merge
 from oaisys_core.world.module import Metadata, Module, World, require
 from oaisys_core.world.modules.assets.drawing import AssetGenerator, DrawnAssets, Site
 from oaisys_core.world.modules.assets.edits import EditedAssets, check_labels
+from oaisys_core.world.modules.assets.ground_cover import layers_with_grass
 from oaisys_core.world.modules.assets.metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.world.modules.assets.object_list import (
     ObjectInstances,
@@ -90,8 +91,7 @@ class AssetsModule(Module):
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Draw all objects of a new world; edits of ids that it does not have are ignored."""
         checked = asset_metadata({}, metadata)
-        material = require(world.material) if self._follows_layers() else None
-        things = self._draw(world, material, checked, rng)
+        things = self._draw(world, checked, rng)
         world.primitives = things.primitives
         world.group_counts = things.counts
         for thing in self._config.items_with_labels:
@@ -132,7 +132,7 @@ class AssetsModule(Module):
         names |= {id_of_added(name): name for name in metadata.additions}
         groups = edited.groups
         for index, placement in enumerate(world.placements):
-            if not len(placement.instance_ids):
+            if not len(placement.instance_ids) or placement.is_ground_cover:
                 continue
             prototype = world.prototypes[placement.prototype]
             kind, group = "added", ""
@@ -149,19 +149,24 @@ class AssetsModule(Module):
                 names,
             )
 
-    def _follows_layers(self) -> bool:
-        """Return whether objects lie where a layer of the ground does."""
+    def _brings_grass(self, world: World) -> bool:
+        """Return whether a layer of the ground brings grass."""
+        return bool(layers_with_grass(require(world.material), self._config.groups))
+
+    def _material(self, world: World) -> TerrainMaterial | None:
+        """Return the material of the ground if anything stands where a layer lies; else None."""
         densities = (each for group in self._config.groups for each in group.density)
-        return any(isinstance(density, LayerDensity) for density in densities)
+        follows = any(isinstance(density, LayerDensity) for density in densities)
+        return require(world.material) if follows or self._brings_grass(world) else None
 
     def _draw(
         self,
         world: World,
-        material: TerrainMaterial | None,
         metadata: AssetMetadata,
         rng: np.random.Generator,
     ) -> DrawnAssets:
         """Draw all objects, or return those of the last batch if they would be the same."""
+        material = self._material(world)
         water_m = None if world.water is None else world.water.level_m
         land, georeference = self._land(world), world.georeference
         beyond = None if land is None else world.water_beyond()
@@ -179,7 +184,7 @@ class AssetsModule(Module):
 
     def _land(self, world: World) -> FarGround | None:
         """Return the land around the stage; None if there is none, or nothing stands on it."""
-        goes = any(map(goes_beyond, self._config.groups))
+        goes = self._brings_grass(world) or any(map(goes_beyond, self._config.groups))
         goes |= any(rocks.beyond_stage for rocks in self._config.rocks)
         if not (world.is_in_land and goes):
             return None
