@@ -27,7 +27,7 @@ FOOT, TIP = 0.8, 1.5
 """Colour of blades at their feet and tips, relative to that of the texture: upright blades get less
 light than the ground, and shade each other."""
 
-TRANSLUCENCY = 0.22
+TRANSLUCENCY = 0.16
 """Of blades: less than that of broad leaves, because bunches of them are thick."""
 
 SAMPLED_PX, LEAST_GREEN, OF_GREEN = 256, 0.05, 0.6

@@ -151,7 +151,8 @@ class AssetsModule(Module):
 
     def _brings_grass(self, world: World) -> bool:
         """Return whether a layer of the ground brings grass."""
-        return bool(layers_with_grass(require(world.material), self._config.groups))
+        material = world.material
+        return material is not None and bool(layers_with_grass(material, self._config.groups))
 
     def _material(self, world: World) -> TerrainMaterial | None:
         """Return the material of the ground if anything stands where a layer lies; else None."""
