@@ -24,7 +24,7 @@ from oaisys_core.raycast.surface import Surface
 from oaisys_core.raycast.view import View
 from oaisys_core.render.base import FrameGroup
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
-from oaisys_core.scene.objects import shown_ids
+from oaisys_core.scene.objects import ids_in_images
 from oaisys_core.types import (
     DEPTH,
     DEPTH_TRUE,
@@ -112,7 +112,7 @@ def _image(
     if modality in (RANGE, RANGE_TRUE):
         return np.asarray(view.depth_m * np.linalg.norm(view.directions, axis=-1), np.float32)
     if modality == INSTANCE:
-        return shown_ids(view.instance_ids)
+        return ids_in_images(view.instance_ids)
     if modality == NORMAL:
         row_poses = camera.row_poses()
         poses = camera.T_map_camera if row_poses is None else row_poses

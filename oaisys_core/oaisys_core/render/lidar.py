@@ -34,7 +34,7 @@ from oaisys_core.raycast.view import View
 from oaisys_core.render.shading.photometry import to_source
 from oaisys_core.render.shading.reflectance import Reflectance
 from oaisys_core.scene import LidarErrors, PlacedLidar
-from oaisys_core.scene.objects import shown_ids
+from oaisys_core.scene.objects import ids_in_images
 from oaisys_core.sensing.faults import CaptureId, generator
 from oaisys_core.types import FloatArray, LidarScan, point_dtype
 
@@ -109,7 +109,7 @@ class LidarCaster:
         points = _points(returns, lidar)
         view = hits.view.rows(returns.hits)
         if "instance" in lidar.extra_fields:
-            points["instance"] = shown_ids(view.instance_ids[:, 0])
+            points["instance"] = ids_in_images(view.instance_ids[:, 0])
         if "label" in lidar.extra_fields:
             points["label"] = surface.semantic_ids(view)[:, 0]
         return LidarScan(lidar.name, points, lidar.T_map_lidar)

@@ -120,7 +120,7 @@ FIRST_COVER_ID = 2**31
 """Id from which on things belong to the ground; images of instances show 0 there."""
 
 
-def shown_ids(instance_ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def ids_in_images(instance_ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Return (...) ids as images of instances show them: 0 for what belongs to the ground."""
     is_cover = instance_ids >= FIRST_COVER_ID
     return np.where(is_cover, np.uint32(0), instance_ids) if is_cover.any() else instance_ids
