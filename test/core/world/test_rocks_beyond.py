@@ -72,11 +72,15 @@ def test_they_lie_on_the_land_and_large_ones_farther_away(rocky: Simulation) -> 
     land = rocky.scene.far_ground
     assert land is not None
     for placement in on_land(rocky):
-        feet_m, size_m = placement.T_map_object[:, :3, 3], sizes_m(placement)
-        height_m = land.height_at(feet_m[:, :2])
-        assert (feet_m[:, 2] <= height_m).all(), "one floats"
-        assert (feet_m[:, 2] > height_m - size_m).all()
-        beyond_m = np.hypot(*np.maximum(np.abs(feet_m[:, :2]) - EDGE_M / 2, 0).T)
+        size_m = sizes_m(placement)
+        vertices = rocky.scene.prototypes[placement.prototype].vertices_m
+        for T_map_object in placement.T_map_object:
+            points_m = vertices @ T_map_object[:3, :3].T + T_map_object[:3, 3]
+            above_m = points_m[:, 2] - land.height_at(points_m[:, :2])
+            assert above_m.min() < 0, "one floats"
+            assert above_m.max() > 0, "one is buried"
+        centers_m = placement.T_map_object[:, :2, 3]
+        beyond_m = np.hypot(*np.maximum(np.abs(centers_m) - EDGE_M / 2, 0).T)
         assert (beyond_m > size_m / 2 - 1e-9).all()
         assert (beyond_m < REACH * size_m).all()
 
