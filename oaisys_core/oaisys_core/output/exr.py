@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError, quote
 from oaisys_core.files.image_formats.exr_headers import check_exr, display_window
-from oaisys_core.files.image_formats.images import FRAME, ImageUse, read_file
+from oaisys_core.files.image_formats.image_use import FRAME, ImageUse
+from oaisys_core.files.image_formats.images import read_file
 from oaisys_core.output.files import write_bytes
 
 GREY = "Y"

@@ -13,7 +13,7 @@ from rasterio.io import MemoryFile
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
-from oaisys_core.files.image_formats.images import ELEVATION
+from oaisys_core.files.image_formats.image_use import ELEVATION
 from oaisys_core.files.image_formats.rasters import open_geotiff
 from oaisys_core.output.files import write_bytes
 from oaisys_core.types import HeightGrid

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError
-from oaisys_core.files.image_formats.images import FRAME, decode_pixels, read_file
+from oaisys_core.files.image_formats.image_use import FRAME
+from oaisys_core.files.image_formats.images import decode_pixels, read_file
 from oaisys_core.output import plain_images
 from oaisys_core.output.exr import GREY, decode_channels, encode_channels
 from oaisys_core.output.files import write_bytes

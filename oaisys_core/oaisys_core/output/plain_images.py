@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import ConfigError
-from oaisys_core.files.image_formats.images import FRAME
+from oaisys_core.files.image_formats.image_use import FRAME
 
 PNG_HEAD = b"\x89PNG\r\n\x1a\n"
 NONE, SUB, UP, AVERAGE, PAETH = range(5)

@@ -10,7 +10,7 @@ from rasterio.errors import RasterioError
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import RenderError
-from oaisys_core.files.image_formats.images import FRAME
+from oaisys_core.files.image_formats.image_use import FRAME
 from oaisys_core.files.image_formats.rasters import open_geotiff, without_georeference
 
 NO_PREDICTOR, FLOATING_POINT = 1, 3

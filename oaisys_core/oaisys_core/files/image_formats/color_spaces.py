@@ -14,7 +14,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.image_headers import is_png, png_chunks
-from oaisys_core.files.image_formats.images import ImageUse
+from oaisys_core.files.image_formats.image_use import ImageUse
 
 LOG = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import ImageUse
+from oaisys_core.files.image_formats.image_use import ImageUse
 
 _EXR_CHANNELS = 8
 """Channels of an EXR file with as many pixels as it may have."""

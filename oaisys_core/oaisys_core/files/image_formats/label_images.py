@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import ImageUse, read_pixels
+from oaisys_core.files.image_formats.image_use import ImageUse
+from oaisys_core.files.image_formats.images import read_pixels
 
 _LOG = logging.getLogger(__name__)
 

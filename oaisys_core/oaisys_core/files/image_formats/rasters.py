@@ -14,12 +14,8 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import (
-    BYTES_PER_PIXEL,
-    ImageUse,
-    check_pictures,
-    read_file,
-)
+from oaisys_core.files.image_formats.image_use import BYTES_PER_PIXEL, ImageUse
+from oaisys_core.files.image_formats.images import check_pictures, read_file
 
 MAX_BANDS = 64
 """Bands of a raster."""

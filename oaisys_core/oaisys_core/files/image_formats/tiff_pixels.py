@@ -19,7 +19,7 @@ from oaisys_core.files.image_formats.image_headers import (
     TiffHeader,
     tiff_header,
 )
-from oaisys_core.files.image_formats.images import ImageUse
+from oaisys_core.files.image_formats.image_use import ImageUse
 from oaisys_core.files.image_formats.orientation import upright
 from oaisys_core.files.image_formats.rasters import open_geotiff, without_georeference
 

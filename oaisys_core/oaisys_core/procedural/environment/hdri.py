@@ -15,13 +15,8 @@ from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.image_formats.color_spaces import check_exr_primaries, gamma_of
-from oaisys_core.files.image_formats.images import (
-    SKY,
-    SKY_LABELS,
-    decode_pixels,
-    read_file,
-    read_radiance_file,
-)
+from oaisys_core.files.image_formats.image_use import SKY, SKY_LABELS
+from oaisys_core.files.image_formats.images import decode_pixels, read_file, read_radiance_file
 from oaisys_core.files.image_formats.label_images import LabelPixels, read_label_pixels
 from oaisys_core.files.versions import Version, version_of
 from oaisys_core.output.exr import read_channels

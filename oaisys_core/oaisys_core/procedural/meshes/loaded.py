@@ -18,7 +18,8 @@ from oaisys_core.files.image_formats.image_headers import (
     png_transparent,
     tiff_header,
 )
-from oaisys_core.files.image_formats.images import MESH_TEXTURE, decode_pixels
+from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
+from oaisys_core.files.image_formats.images import decode_pixels
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr

@@ -9,7 +9,7 @@ from typing import Any
 from oaisys_core.errors import InvalidInputError, show_field
 from oaisys_core.files.documents import read_bytes
 from oaisys_core.files.image_formats.image_headers import image_size
-from oaisys_core.files.image_formats.images import MESH_TEXTURE
+from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
 from oaisys_core.files.mesh_formats.mesh_headers import MAX_BYTES
 from oaisys_core.files.references import resolve_reference
 

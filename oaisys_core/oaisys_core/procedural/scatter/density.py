@@ -20,7 +20,8 @@ from oaisys_core.config.sections.density import (
     VoronoiDensity,
 )
 from oaisys_core.errors import ConfigError, quote
-from oaisys_core.files.image_formats.images import DENSITY, read_pixels
+from oaisys_core.files.image_formats.image_use import DENSITY
+from oaisys_core.files.image_formats.images import read_pixels
 from oaisys_core.procedural.scatter.placement import slope_deg
 from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.noise import Field, spectral

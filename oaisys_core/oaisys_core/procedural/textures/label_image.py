@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.files.image_formats.images import LABEL_IMAGE
+from oaisys_core.files.image_formats.image_use import LABEL_IMAGE
 from oaisys_core.files.image_formats.label_images import read_label_pixels
 from oaisys_core.scene.terrain_material import LabelImage
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.color_spaces import check_exr_primaries, gamma_of
-from oaisys_core.files.image_formats.images import TEXTURE, decode_pixels, read_file
+from oaisys_core.files.image_formats.image_use import TEXTURE
+from oaisys_core.files.image_formats.images import decode_pixels, read_file
 from oaisys_core.output.exr import read_channels
 
 LOG = logging.getLogger(__name__)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import DENSITY, LABEL_IMAGE, TEXTURE, decode_pixels
+from oaisys_core.files.image_formats.image_use import DENSITY, LABEL_IMAGE, TEXTURE
+from oaisys_core.files.image_formats.images import decode_pixels
 from oaisys_core.files.image_formats.label_images import read_label_pixels
 
 H, W = 5, 8

@@ -26,7 +26,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import DocumentError
 from oaisys_core.files.image_formats.image_headers import image_size
-from oaisys_core.files.image_formats.images import (
+from oaisys_core.files.image_formats.image_use import (
     ELEVATION,
     FRAME,
     MESH_TEXTURE,
@@ -34,9 +34,8 @@ from oaisys_core.files.image_formats.images import (
     TEXTURE,
     USES,
     ImageUse,
-    decode_pixels,
-    read_pixels,
 )
+from oaisys_core.files.image_formats.images import decode_pixels, read_pixels
 from oaisys_core.files.image_formats.radiance import radiance_header
 from oaisys_core.files.image_formats.rasters import open_geotiff
 from oaisys_core.output import exr

@@ -19,15 +19,15 @@ from rasterio.io import MemoryFile
 from oaisys_core.config.sections.environment import HdriImageConfig
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import (
+from oaisys_core.files.image_formats.image_use import (
     DENSITY,
     ELEVATION,
     LABEL_IMAGE,
     SKY_LABELS,
     TEXTURE,
     ImageUse,
-    decode_pixels,
 )
+from oaisys_core.files.image_formats.images import decode_pixels
 from oaisys_core.files.image_formats.label_images import read_label_pixels
 from oaisys_core.procedural.environment.hdri import SkyImages
 from oaisys_core.procedural.terrain.dem import import_dem

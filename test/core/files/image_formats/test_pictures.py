@@ -13,7 +13,8 @@ from PIL import Image
 from rasterio.enums import Resampling
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import ELEVATION, LABEL_IMAGE, read_pixels
+from oaisys_core.files.image_formats.image_use import ELEVATION, LABEL_IMAGE
+from oaisys_core.files.image_formats.images import read_pixels
 from oaisys_core.files.image_formats.pictures import MOST, count_pictures
 from oaisys_core.files.image_formats.rasters import open_geotiff
 from oaisys_core.procedural.textures.map_pixels import read_color

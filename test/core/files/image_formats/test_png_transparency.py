@@ -16,12 +16,8 @@ from rasterio.io import MemoryFile
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.image_headers import png_transparent
-from oaisys_core.files.image_formats.images import (
-    LABEL_IMAGE,
-    MESH_TEXTURE,
-    TEXTURE,
-    decode_pixels,
-)
+from oaisys_core.files.image_formats.image_use import LABEL_IMAGE, MESH_TEXTURE, TEXTURE
+from oaisys_core.files.image_formats.images import decode_pixels
 from oaisys_core.procedural.meshes.loaded import decode_texture
 from oaisys_core.procedural.terrain.dem import import_dem
 

@@ -14,7 +14,7 @@ from rasterio.io import MemoryFile
 
 from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import (
+from oaisys_core.files.image_formats.image_use import (
     DENSITY,
     LABEL_IMAGE,
     MESH_TEXTURE,
@@ -22,8 +22,8 @@ from oaisys_core.files.image_formats.images import (
     SKY_LABELS,
     TEXTURE,
     ImageUse,
-    decode_pixels,
 )
+from oaisys_core.files.image_formats.images import decode_pixels
 from oaisys_core.files.image_formats.label_images import read_label_pixels
 from oaisys_core.procedural.meshes.loaded import decode_texture
 from oaisys_core.procedural.textures.map_pixels import read_color, read_map

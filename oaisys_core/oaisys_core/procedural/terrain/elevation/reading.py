@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from oaisys_core.config.sections.stage import DemConfig, DemWindowConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.image_headers import tiff_header
-from oaisys_core.files.image_formats.images import ELEVATION, ImageUse, decode_pixels, read_file
+from oaisys_core.files.image_formats.image_use import ELEVATION, ImageUse
+from oaisys_core.files.image_formats.images import decode_pixels, read_file
 from oaisys_core.files.image_formats.rasters import open_large_geotiff, open_raster
 from oaisys_core.output import exr
 from oaisys_core.procedural.terrain.elevation.control_points import (

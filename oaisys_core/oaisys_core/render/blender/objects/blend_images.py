@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from oaisys_core.color import encode_srgb
 from oaisys_core.files.image_formats.exr_headers import data_window_size
 from oaisys_core.files.image_formats.image_headers import image_size
-from oaisys_core.files.image_formats.images import MESH_TEXTURE, read_file
+from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
+from oaisys_core.files.image_formats.images import read_file
 from oaisys_core.files.image_formats.radiance import radiance_header
 
 _EXR_START = b"\x76\x2f\x31\x01"

@@ -12,7 +12,7 @@ from rasterio.transform import from_origin
 
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import ELEVATION
+from oaisys_core.files.image_formats.image_use import ELEVATION
 from oaisys_core.files.image_formats.rasters import open_raster
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 
