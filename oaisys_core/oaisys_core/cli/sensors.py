@@ -120,7 +120,8 @@ def _calibration(
         if value:
             raise InvalidInputError(name, value, "none: it is for robots (URDF, SDF)")
     found = read_calibration(file)
-    return f"From {file.name} ({found.format}).", {"sensors": sensors_section(found)}, found.notes
+    heading = f"From {file.name} ({found.format})."
+    return heading, {"sensors": sensors_section(found)}, found.comments()
 
 
 def _text(heading: str, sections: dict[str, Any], notes: Sequence[str]) -> str:

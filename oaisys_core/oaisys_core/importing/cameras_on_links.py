@@ -45,6 +45,6 @@ def put_camera(robot: Robot, link: str, file: Path) -> Robot:
         f"camera {camera.name} has the calibration {file.name} ({found.format}){replaced}, and"
         f" looks along {'z' if is_optical else 'x'} of {link}"
     )
-    notes = (*robot.sensors.notes, *found.notes, note)
+    notes = (*robot.sensors.notes, *found.comments(), note)
     sensors = replace(robot.sensors, cameras=(*others, camera), notes=notes)
     return replace(robot, sensors=sensors)

@@ -15,7 +15,6 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.calibrations.records import (
-    BROWN_CONRADY,
     FIELD,
     KANNALA_BRANDT,
     OPENCV,
@@ -26,6 +25,7 @@ from oaisys_core.files.calibrations.records import (
     lens,
     require_keys,
     unknown_model,
+    unread_keys,
 )
 
 PARAMETERS = {
@@ -44,6 +44,14 @@ PARAMETERS = {
     ),
 }
 """Parameters by model, in the order of their numbers in cameras.bin."""
+
+NERF_KEYS = (
+    *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y"),
+    *("camera_model", "is_fisheye", *OPENCV[:8], "frames", "file_path", "transform_matrix"),
+    *("depth_file_path", "mask_path", "colmap_im_id", "sharpness", "ply_file_path"),
+    *("applied_transform", "applied_scale", "orientation_override", "aabb_scale"),
+)
+"""Keys of a camera, and of pictures, poses and scenes, which say nothing of it."""
 
 LACKED = ("FOV", "THIN_PRISM_FISHEYE")
 HALF = 0.5
@@ -97,12 +105,16 @@ def read_transforms(data: Mapping[str, Any]) -> Calibration:
         replace(camera, name=f"camera{'' if len(cameras) == 1 else index}")
         for index, camera in enumerate(cameras.values())
     ]
-    return _calibration("nerfstudio transforms", named)
+    unused = {key: None for entry in (data, *frames) for key in unread_keys(entry, NERF_KEYS)}
+    return _calibration("nerfstudio transforms", named, tuple(unused))
 
 
-def _calibration(name: str, cameras: Sequence[CalibratedCamera]) -> Calibration:
+def _calibration(
+    name: str, cameras: Sequence[CalibratedCamera], unused: tuple[str, ...] = ()
+) -> Calibration:
     note = "the principal points are half a pixel less than in the file, whose pixels begin at 0"
-    return Calibration(name, tuple(cameras), notes=(note, "the file says nothing of the mount"))
+    notes = (note, "the file says nothing of the mount")
+    return Calibration(name, tuple(cameras), notes=notes, unused=unused)
 
 
 def _records(data: bytes) -> Iterator[CalibratedCamera]:
@@ -162,7 +174,7 @@ def _nerf_camera(data: Mapping[str, Any], where: str) -> CalibratedCamera:
     is_fisheye = model == "OPENCV_FISHEYE" or bool(data.get("is_fisheye"))
     if not is_fisheye and (model not in PARAMETERS or model in LACKED or "FISHEYE" in model):
         raise unknown_model(model, f"{where}.camera_model")
-    order = KANNALA_BRANDT if is_fisheye else (*BROWN_CONRADY, "k4")
+    order = KANNALA_BRANDT if is_fisheye else OPENCV[:8]
     values = finite([data.get(name, 0.0) for name in order], where)
     lens_of_frame = lens(values, where, is_fisheye=is_fisheye)
     centre_px = (cx - HALF, cy - HALF)

@@ -11,6 +11,7 @@ from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
+    coefficients_of,
     finite,
     frame_name,
     image_size,
@@ -19,12 +20,19 @@ from oaisys_core.files.calibrations.records import (
     require_keys,
     rigid,
     unknown_model,
+    unread_keys,
 )
 from oaisys_core.types import FloatArray
 
-BROWN_CONRADY = ("radial-tangential", "radtan", "plumb_bob", "none", "")
+NONE = ("none", "")
+BROWN_CONRADY = ("radial-tangential", "radtan", "plumb_bob", *NONE)
 FISHEYE = ("equidistant", "equi")
 CAMERA, IMU = "camera", "imu"
+READ = ("sensor_type", "comment", "T_BS", "rate_hz")
+CAMERA_KEYS = (
+    *("camera_model", "intrinsics", "resolution"),
+    *("distortion_model", "distortion_coefficients"),
+)
 MOUNT_NOTE = "the body's frame is base_link"
 
 
@@ -51,12 +59,15 @@ def read_sensor(data: Mapping[str, Any], folder: str) -> Calibration:
     name = frame_name(folder, "camera" if kind == CAMERA else "imu")
     if kind == CAMERA:
         camera = _camera(data, name, T_body_sensor, rate_hz)
-        return Calibration("EuRoC sensor", (camera,), notes=(MOUNT_NOTE,))
+        unused = tuple(unread_keys(data, (*READ, *CAMERA_KEYS)))
+        return Calibration("EuRoC sensor", (camera,), notes=(MOUNT_NOTE,), unused=unused)
     if kind == IMU:
         values = finite(require_keys(data, IMU_KEYS, FIELD), FIELD, len(IMU_KEYS))
         imu: dict[str, Any] = {"name": name, **dict(zip(IMU_KEYS, values, strict=True))}
         imu |= {} if rate_hz is None else {"rate_hz": rate_hz}
-        return Calibration("EuRoC sensor", imus=(imu | mount(T_body_sensor),), notes=(MOUNT_NOTE,))
+        imu |= mount(T_body_sensor)
+        unused = tuple(unread_keys(data, (*READ, *IMU_KEYS)))
+        return Calibration("EuRoC sensor", imus=(imu,), notes=(MOUNT_NOTE,), unused=unused)
     raise InvalidInputError(f"{FIELD}.sensor_type", kind, f"{CAMERA} or {IMU}")
 
 
@@ -68,17 +79,16 @@ def _pose(value: Any) -> FloatArray:
 def _camera(
     data: Mapping[str, Any], name: str, T_body_sensor: FloatArray, rate_hz: float | None
 ) -> CalibratedCamera:
-    keys = ("camera_model", "intrinsics", "resolution")
-    model, intrinsics, resolution = require_keys(data, keys, FIELD)
+    model, intrinsics, resolution, distortion = require_keys(data, CAMERA_KEYS[:4], FIELD)
     if model != "pinhole":
         raise unknown_model(model, f"{FIELD}.camera_model")
     fx, fy, cx, cy = finite(intrinsics, f"{FIELD}.intrinsics", 4)
     width, height = finite(resolution, f"{FIELD}.resolution", 2)
-    kind = str(data.get("distortion_model") or "")
+    kind = str(distortion or "")
     if kind not in (*FISHEYE, *BROWN_CONRADY):
         raise unknown_model(kind, f"{FIELD}.distortion_model")
     where = f"{FIELD}.distortion_coefficients"
-    coefficients = data.get("distortion_coefficients") or ()
+    coefficients = coefficients_of(data, CAMERA_KEYS[4], FIELD, is_none=kind in NONE)
     return CalibratedCamera(
         name,
         image_size(width, height, f"{FIELD}.resolution"),

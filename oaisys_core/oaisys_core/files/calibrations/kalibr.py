@@ -11,6 +11,7 @@ from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
     Calibration,
+    coefficients_of,
     finite,
     frame_name,
     image_size,
@@ -19,6 +20,7 @@ from oaisys_core.files.calibrations.records import (
     require_keys,
     rigid,
     unknown_model,
+    unread_keys,
 )
 from oaisys_core.geometry import T_LINK_OPTICAL, invert
 from oaisys_core.types import FloatArray
@@ -31,6 +33,13 @@ IMU_KEYS = (
 )
 MOST_DISAGREEMENT = 1e-2
 """Largest difference, in metres or of a rotation matrix, of T_cam_imu from what T_cn_cnm1 gives."""
+CAMERA_KEYS = (
+    *("camera_model", "intrinsics", "resolution", "distortion_model"),
+    *("distortion_coeffs", "T_cam_imu", "T_cn_cnm1", "timeshift_cam_imu"),
+    *("rostopic", "cam_overlaps"),
+)
+"""Keys of a camera: those that are read, a topic, and which cameras see the same."""
+IMU_READ = (*IMU_KEYS, "update_rate", "T_i_b", "rostopic")
 FISHEYE, BROWN_CONRADY = ("equidistant", "equi"), ("radtan", "none")
 _CAMERA = re.compile(r"cam(\d+)")
 
@@ -84,7 +93,10 @@ def read_camchain(data: Mapping[str, Any]) -> Calibration:
     notes = [base]
     if any(entry.get("timeshift_cam_imu") for entry in (data[name] for name in names)):
         notes.append("timeshift_cam_imu is not used: stamps are exact")
-    return Calibration("Kalibr camchain", tuple(cameras), notes=tuple(notes))
+    unused = unread_keys(data, names)
+    for name in names:
+        unused += unread_keys(data[name], CAMERA_KEYS, f"{name}.")
+    return Calibration("Kalibr camchain", tuple(cameras), notes=tuple(notes), unused=tuple(unused))
 
 
 def _check_agreement(T_imu_camera: FloatArray, chained: FloatArray, where: str) -> None:
@@ -102,7 +114,7 @@ def read_imu(data: Mapping[str, Any]) -> Calibration:
         if IMU_KEYS[0] in data
         else {str(key): value for key, value in data.items() if re.fullmatch(r"imu\d+", str(key))}
     )
-    imus = []
+    imus, unused = [], [] if IMU_KEYS[0] in data else unread_keys(data, list(entries))
     for name, entry in entries.items():
         where = f"{FIELD}.{name}"
         values = finite(require_keys(entry, IMU_KEYS, where), where, len(IMU_KEYS))
@@ -112,9 +124,9 @@ def read_imu(data: Mapping[str, Any]) -> Calibration:
         if "T_i_b" in entry:  # from the body to this IMU
             imu |= mount(invert(rigid(entry["T_i_b"], f"{where}.T_i_b")))
         imus.append(imu)
-    return Calibration(
-        "Kalibr imu", imus=tuple(imus), notes=("an IMU without T_i_b is at base_link",)
-    )
+        unused += unread_keys(entry, IMU_READ, "" if entry is data else f"{name}.")
+    notes = ("an IMU without T_i_b is at base_link",)
+    return Calibration("Kalibr imu", imus=tuple(imus), notes=notes, unused=tuple(unused))
 
 
 def _number(name: object) -> int:
@@ -124,17 +136,15 @@ def _number(name: object) -> int:
 def _camera(
     name: str, entry: Mapping[str, Any], T_base_optical: FloatArray, where: str
 ) -> CalibratedCamera:
-    model, intrinsics, size = require_keys(
-        entry, ("camera_model", "intrinsics", "resolution"), where
-    )
+    model, intrinsics, size, distortion_model = require_keys(entry, CAMERA_KEYS[:4], where)
     if model != "pinhole":
         raise unknown_model(model, f"{where}.camera_model")
     fx, fy, cx, cy = finite(intrinsics, f"{where}.intrinsics", 4)
     width, height = finite(size, f"{where}.resolution", 2)
-    kind = str(entry.get("distortion_model", "none"))
-    coefficients = entry.get("distortion_coeffs") or ()
+    kind = str(distortion_model)
     if kind not in (*FISHEYE, *BROWN_CONRADY):
         raise unknown_model(kind, f"{where}.distortion_model")
+    coefficients = coefficients_of(entry, CAMERA_KEYS[4], where, is_none=kind == "none")
     distortion, fisheye = lens(
         coefficients, f"{where}.distortion_coeffs", is_fisheye=kind in FISHEYE
     )

@@ -14,6 +14,7 @@ from oaisys_core.files.calibrations.records import (
     image_size,
     lens,
     unknown_model,
+    unread_keys,
 )
 from oaisys_core.files.documents import MAX_DEPTH
 
@@ -29,6 +30,14 @@ COEFFICIENTS = (
 WIDTH = ("image_width", "image_Width", "width", "imageWidth")
 HEIGHT = ("image_height", "image_Height", "height", "imageHeight")
 SIZE = ("image_size", "imageSize", "resolution")
+FISHEYE = ("fisheye_model", "fisheye")
+SAMPLE = (
+    *("calibration_time", "nframes", "nr_of_frames", "board_width", "board_height", "square_size"),
+    *("board_size", "aspectRatio", "flags", "avg_reprojection_error"),
+    *("per_view_reprojection_errors", "extrinsic_parameters", "image_points", "grid_points"),
+)
+"""What OpenCV's calibration sample writes beside, which says nothing of the camera."""
+SUFFIXES = ("", "1", "2", "3", "4")
 MARKS = ("opencv-matrix", "opencv_storage", "%YAML:1.0")
 """Texts, one of which is in each file of OpenCV."""
 
@@ -57,10 +66,9 @@ def read_opencv(text: str) -> Calibration:
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         cameras = [
-            camera
-            for suffix in ("", "1", "2", "3", "4")
-            if (camera := _camera(storage, suffix)) is not None
+            camera for suffix in SUFFIXES if (camera := _camera(storage, suffix)) is not None
         ]
+        keys = storage.root().keys()
         storage.release()
     except (cv2.error, SystemError) as error:
         raise InvalidInputError(
@@ -71,7 +79,13 @@ def read_opencv(text: str) -> Calibration:
     notes = ["OpenCV's files say nothing of the mount"]
     if any(camera.fisheye is None and len(camera.distortion) == 4 for camera in cameras):
         notes.append("four coefficients without fisheye_model are k1, k2, p1 and p2")
-    return Calibration("OpenCV FileStorage", tuple(cameras), notes=tuple(notes))
+    if any(not camera.distortion and camera.fisheye is None for camera in cameras):
+        notes.append("a matrix without distortion coefficients is of a lens without distortion")
+    each = [name + suffix for name in (*MATRIX, *COEFFICIENTS) for suffix in SUFFIXES]
+    unused = unread_keys(dict.fromkeys(keys), (*each, *WIDTH, *HEIGHT, *SIZE, *FISHEYE, *SAMPLE))
+    return Calibration(
+        "OpenCV FileStorage", tuple(cameras), notes=tuple(notes), unused=tuple(unused)
+    )
 
 
 def _check_depth(text: str) -> None:
@@ -97,7 +111,7 @@ def _camera(storage: Any, suffix: str) -> CalibratedCamera | None:
     distortion, fisheye = lens(
         coefficients,
         f"{FIELD}.distortion_coefficients{suffix}",
-        is_fisheye=bool(_number(storage, ("fisheye_model", "fisheye"))),
+        is_fisheye=bool(_number(storage, FISHEYE)),
     )
     return CalibratedCamera(
         name=f"camera{suffix}",

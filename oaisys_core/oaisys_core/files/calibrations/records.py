@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,10 @@ KANNALA_BRANDT = ("k1", "k2", "k3", "k4")
 BEYOND = ("k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 """Coefficients of OpenCV's longer models, after those of `BROWN_CONRADY`."""
 OPENCV = (*BROWN_CONRADY, *BEYOND)
+OPENCV_COUNTS = (0, 4, 5, 8, 12, 14)
+"""Numbers of coefficients that a model of OpenCV may have."""
+
+_PLAIN_KEY = re.compile(r"[\w.+-]{1,80}")
 
 MODELS = "pinhole without distortion, with Brown-Conrady's (plumb_bob, radtan), or equidistant"
 
@@ -82,6 +86,7 @@ class Calibration:
         notes: What was assumed, and what of the file is not used.
         lidars: The keys of its lidars in a configuration.
         faults: Those of ``sensors.faults``.
+        unused: Keys of the file that nobody reads, by their paths.
     """
 
     format: str
@@ -90,6 +95,11 @@ class Calibration:
     notes: tuple[str, ...] = ()
     lidars: tuple[dict[str, Any], ...] = ()
     faults: Mapping[str, float] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
+
+    def comments(self) -> tuple[str, ...]:
+        """Return the notes, and one that names the keys that nobody reads."""
+        return (*self.notes, *([f"not used: {', '.join(self.unused)}"] if self.unused else ()))
 
     def camera(self, name: str | None) -> CalibratedCamera:
         """Return the camera of a name, or the only one.
@@ -133,8 +143,9 @@ def brown_conrady(values: Sequence[float], where: str) -> dict[str, float]:
     Raises:
         InvalidInputError: A coefficient that our model lacks is not 0, or there are too many.
     """
-    if len(values) > len(OPENCV):
-        raise InvalidInputError(where, len(values), f"at most {len(OPENCV)} coefficients")
+    if len(values) not in OPENCV_COUNTS:
+        expected = f"{', '.join(map(str, OPENCV_COUNTS[:-1]))} or {OPENCV_COUNTS[-1]} of them"
+        raise InvalidInputError(where, f"{len(values)} coefficients", expected)
     found = dict(zip(OPENCV, finite(values, where), strict=False))
     for name in BEYOND:
         if found.pop(name, 0.0):
@@ -144,9 +155,14 @@ def brown_conrady(values: Sequence[float], where: str) -> dict[str, float]:
 
 
 def kannala_brandt(values: Sequence[float], where: str) -> dict[str, float]:
-    """Return up to four coefficients of an equidistant fisheye by name."""
-    if len(values) > len(KANNALA_BRANDT):
-        raise InvalidInputError(where, len(values), "at most 4 coefficients of a fisheye")
+    """Return the four coefficients of an equidistant fisheye by name; without any there are none.
+
+    Raises:
+        InvalidInputError: There are others.
+    """
+    if len(values) not in (0, len(KANNALA_BRANDT)):
+        expected = "0 or 4 of them, as of a fisheye"
+        raise InvalidInputError(where, f"{len(values)} coefficients", expected)
     return dict(zip(KANNALA_BRANDT, finite(values, where), strict=False))
 
 
@@ -213,6 +229,27 @@ def frame_name(text: object, default: str) -> str:
     """Return a name that a sensor may have, made of one in a file."""
     name = re.sub(r"[^a-z0-9_]+", "_", str(text).lower()).strip("_")[:64]
     return name if re.match(r"[a-z]", name) else default
+
+
+def unread_keys(data: Mapping[str, Any], read: Collection[str], prefix: str = "") -> list[str]:
+    """Return the paths of the keys of a mapping that are not among those that are read."""
+    return [f"{prefix}{quote_key(key)}" for key in data if key not in read]
+
+
+def quote_key(key: object) -> str:
+    """Return a key as it can stand in a comment, on one line."""
+    return key if isinstance(key, str) and _PLAIN_KEY.fullmatch(key) else quote(key)
+
+
+def coefficients_of(data: Mapping[str, Any], key: str, where: str, *, is_none: bool) -> list[float]:
+    """Return the coefficients of a lens under a key, which only a model without any may lack.
+
+    Raises:
+        InvalidInputError: The key is missing, or they are no list of numbers.
+    """
+    if data.get(key) is None and not is_none:
+        raise InvalidInputError(f"{where}.{key}", None, "a value; the key is missing")
+    return finite(data.get(key) or (), f"{where}.{key}")
 
 
 def require_keys(data: Mapping[str, Any], keys: Sequence[str], where: str) -> list[Any]:

@@ -15,10 +15,21 @@ from oaisys_core.files.calibrations.records import (
     lens,
     require_keys,
     unknown_model,
+    unread_keys,
 )
 
 PLUMB_BOB = ("plumb_bob", "rational_polynomial", "")
 FISHEYE = ("equidistant", "fisheye")
+MATRIX = ("camera_matrix", "k", "K")
+COEFFICIENTS = ("distortion_coefficients", "d", "D")
+RECTIFICATION = ("rectification_matrix", "r", "R")
+PROJECTION = ("projection_matrix", "p", "P")
+READ = (
+    *("image_width", "image_height", "width", "height", "camera_name", "header"),
+    *("distortion_model", "binning_x", "binning_y", "roi"),
+    *(*MATRIX, *COEFFICIENTS, *RECTIFICATION, *PROJECTION),
+)
+"""Keys that are read, and the projection of rectified images, which follows from the others."""
 
 
 def is_camera_info(data: Any) -> bool:
@@ -35,10 +46,7 @@ def read_camera_info(data: Mapping[str, Any]) -> Calibration:
     is_message = "image_width" not in data
     size_keys = ("width", "height") if is_message else ("image_width", "image_height")
     width, height = require_keys(data, size_keys, FIELD)
-    matrix, coefficients = (
-        _numbers(data, keys)
-        for keys in (("camera_matrix", "k", "K"), ("distortion_coefficients", "d", "D"))
-    )
+    matrix, coefficients = (_numbers(data, keys, is_needed=True) for keys in (MATRIX, COEFFICIENTS))
     focal_px, centre_px = focal_and_centre(matrix, f"{FIELD}.camera_matrix")
     model = str(data["distortion_model"])
     if model not in (*FISHEYE, *PLUMB_BOB):
@@ -54,12 +62,19 @@ def read_camera_info(data: Mapping[str, Any]) -> Calibration:
         distortion=distortion,
         fisheye=fisheye,
     )
-    return Calibration("ROS camera_info", (camera,), notes=tuple(_notes(data)))
+    notes, unused = tuple(_notes(data)), tuple(unread_keys(data, READ))
+    return Calibration("ROS camera_info", (camera,), notes=notes, unused=unused)
 
 
-def _numbers(data: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
-    found = next((data[key] for key in keys if key in data), ())
-    return found.get("data", ()) if isinstance(found, Mapping) else found
+def _numbers(data: Mapping[str, Any], keys: tuple[str, ...], is_needed: bool = False) -> Any:
+    """Return the numbers under the first of the keys that is there, else none if that may be."""
+    key = next((key for key in keys if key in data), None)
+    if key is None:
+        return require_keys(data, keys[:1], FIELD) if is_needed else ()
+    found = data[key]
+    if isinstance(found, Mapping):
+        (found,) = require_keys(found, ("data",), f"{FIELD}.{key}")
+    return () if found is None else found
 
 
 def _frame_of(data: Mapping[str, Any]) -> str:
@@ -70,7 +85,7 @@ def _frame_of(data: Mapping[str, Any]) -> str:
 
 def _notes(data: Mapping[str, Any]) -> list[str]:
     notes = ["camera_info says nothing of the mount"]
-    rectification = _numbers(data, ("rectification_matrix", "r", "R"))
+    rectification = _numbers(data, RECTIFICATION)
     if list(rectification) not in ([], [1, 0, 0, 0, 1, 0, 0, 0, 1]):
         notes.append("the rectification matrix is not used: images are those of the lens")
     binning = [data.get("binning_x", 0), data.get("binning_y", 0)]

@@ -380,6 +380,7 @@ def test_a_chain_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
     camera = {
         "camera_model": "pinhole",
         "intrinsics": [400.0, 400.0, 320.0, 240.0],
+        "distortion_model": "none",
         "resolution": [640, 480],
         "T_cam_imu": same,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
@@ -22,6 +23,8 @@ from oaisys_core.types import (
     modality_expectation,
     modality_spec,
 )
+
+_LOG = logging.getLogger(__name__)
 
 MAX_IMAGE_SIDE_PX = 16384
 
@@ -211,9 +214,12 @@ class CameraConfig(OpticsConfig):
         chosen = CalibrationConfig.model_validate(data["calibration"], context=info.context)
         given = {key: value for key, value in data.items() if key != "calibration"}
         try:
-            found = read_calibration(chosen.file).camera(chosen.camera).config()
+            calibration = read_calibration(chosen.file)
+            found = calibration.camera(chosen.camera).config()
         except InvalidInputError as error:
             raise ValueError(f"{error} in {chosen.file}") from error
+        if calibration.unused:
+            _LOG.warning("%s: not used: %s", chosen.file, ", ".join(calibration.unused))
         if twice := sorted(found.keys() & given.keys() - OVERRIDING):
             raise ValueError(f"{twice[0]} is given beside the calibration, expected one of both")
         if not {"width_px", "height_px"} <= found.keys() | given.keys():
