@@ -106,7 +106,7 @@ def open_raster(
         InvalidInputError: It is too large, refers to other files, or cannot be read.
     """
     from rasterio import Env
-    from rasterio.errors import RasterioError
+    from rasterio.errors import CRSError, RasterioError
     from rasterio.io import MemoryFile
 
     data = read_file(source, use) if isinstance(source, Path) else source
@@ -124,7 +124,7 @@ def open_raster(
         ):
             _check_size(file, use, shown)
             yield file
-    except (RasterioError, OSError) as error:
+    except (RasterioError, CRSError, OSError) as error:
         is_unknown = _NOT_RECOGNIZED in str(error) and drivers is ELEVATION_DRIVERS
         raise use.refusal(shown, _UNKNOWN_FORMAT if is_unknown else error) from error
 
@@ -141,7 +141,7 @@ def open_large_geotiff(path: Path, use: ImageUse) -> Iterator[Any]:
         InvalidInputError: It is no GeoTIFF that can be read.
     """
     import rasterio
-    from rasterio.errors import RasterioError
+    from rasterio.errors import CRSError, RasterioError
 
     if not path.is_file():
         raise use.refusal(str(path), FileNotFoundError("no regular file"))
@@ -152,7 +152,7 @@ def open_large_geotiff(path: Path, use: ImageUse) -> Iterator[Any]:
         ):
             _check_blocks(file, use, str(path))
             yield file
-    except (RasterioError, OSError) as error:
+    except (RasterioError, CRSError, OSError) as error:
         raise use.refusal(str(path), error) from error
 
 
