@@ -5,6 +5,8 @@ A *frame* is what one camera shows at one view of a world, in all modalities.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import accumulate
@@ -268,6 +270,22 @@ class DatasetInfo(Record):
     def part_of(self, world: int) -> DatasetPart:
         """Return the part that a world is in; the last one for worlds beyond all."""
         return [each for each in self.parts if each.first_world <= world][-1]
+
+    def check_configs(self, name: str) -> None:
+        """Raise unless the configuration of each part has the hash that is recorded beside it.
+
+        Raises:
+            InvalidInputError: One was changed after the data set had been written; errors call
+                the head ``name``.
+        """
+        for part in self.parts:
+            text = json.dumps(part.info.config, sort_keys=True, separators=(",", ":"))
+            found = hashlib.sha256(text.encode()).hexdigest()
+            if found != part.info.config_sha256:
+                where = f", from world {part.first_world}" if self.merged else ""
+                received = f"a configuration with the hash {found}"
+                expected = f"that of the recorded hash, {part.info.config_sha256}"
+                raise InvalidInputError(f"{name}{where}: config", received, expected)
 
     @classmethod
     def from_json(cls, text: str | bytes, name: str = "record") -> Self:

@@ -211,6 +211,30 @@ def test_sets_that_differ_are_refused(
     assert [each.name for each in tmp_path.iterdir()] == ["set"]
 
 
+CHANGES: list[Callable[[dict[str, Any]], Any]] = [
+    lambda config: config["stage"].update(preset="mesa"),
+    lambda config: config["sensors"]["cameras"][0].update(fx_px=10.0),
+    lambda config: config["assets"].pop("rocks"),
+]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_set_whose_configuration_was_changed_is_refused(
+    change: Callable[[dict[str, Any]], Any], rendered: Dataset, other: Path, tmp_path: Path
+) -> None:
+    folder, out = tmp_path / "set", tmp_path / "out"
+    shutil.copytree(rendered.place.url, folder)
+    head = json.loads((folder / HEAD).read_text(encoding="utf-8"))
+    change(head["config"])
+    (folder / HEAD).write_text(json.dumps(head), encoding="utf-8")
+    message = rf"set: dataset\.json: config: received 'a configuration .*{head['config_sha256']}"
+    with pytest.raises(InvalidInputError, match=message):
+        merge_datasets([other, folder], out)
+    with pytest.raises(InvalidInputError, match=message):
+        export_dataset(open_dataset(folder), "files", out)
+    assert not out.exists()
+
+
 def relabelled(folder: Path, change: Callable[[dict[int, str]], dict[int, str]]) -> None:
     """Write the legend of world 0 with other labels."""
     dataset = open_dataset(folder)

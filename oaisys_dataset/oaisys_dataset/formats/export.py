@@ -25,6 +25,7 @@ from oaisys_dataset.formats.base import (
     modality_names,
 )
 from oaisys_dataset.places import StoragePlace, open_place
+from oaisys_dataset.shards import HEAD
 
 if TYPE_CHECKING:
     from oaisys_dataset.reader import Dataset
@@ -149,6 +150,7 @@ def _check(
         raise InvalidInputError("out", place.url, "a folder that does not exist or is empty")
     if not len(dataset):
         raise InvalidInputError("dataset", dataset.place.url, "at least one frame")
+    dataset.info.check_configs(f"{dataset.place.url}: {HEAD}")
     for setting in options.settings:
         if setting not in chosen.settings:
             raise InvalidInputError(

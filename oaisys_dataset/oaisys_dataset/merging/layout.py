@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from oaisys_core.errors import InvalidInputError
 from oaisys_dataset.manifest import DatasetInfo, FrameRecord
 from oaisys_dataset.reader import Dataset
+from oaisys_dataset.shards import HEAD
 
 NOT_OF_THE_WORLD = ("backend", "render", "seed", "sensors")
 """Sections of a configuration that do not change what a world of a given seed is."""
@@ -47,11 +48,13 @@ def check_can_be_merged(datasets: Sequence[Dataset]) -> None:
     """Raise unless data sets have the same sensors and labels, and no world in common.
 
     Raises:
-        InvalidInputError: Two of them differ, or are the same in part; says in what.
+        InvalidInputError: Two of them differ, or are the same in part; says in what. Or a
+            configuration is not the one that its worlds were rendered with.
     """
     layouts: list[_Layout] = []
     for dataset in datasets:
         _check_complete(dataset)
+        dataset.info.check_configs(f"{dataset.place.url}: {HEAD}")
         layout = _layout(dataset)
         for earlier in layouts:
             _check_sensors(earlier, layout)
@@ -86,7 +89,13 @@ def _layout(dataset: Dataset) -> _Layout:
             "size": f"{camera.width_px}x{camera.height_px}",
             "lens": "fisheye" if camera.is_fisheye else "perspective",
         }
-        first_world = dataset.info.part_of(record.world).first_world
+        part = dataset.info.part_of(record.world)
+        if record.config_sha256 != part.info.config_sha256:
+            where = f"{dataset.place.url}: {record.frame_id}: config_sha256"
+            raise InvalidInputError(
+                where, record.config_sha256, f"{part.info.config_sha256}, as of {HEAD}"
+            )
+        first_world = part.first_world
         layout.worlds[drawn_from[first_world], record.world_seed] = record.world
         layout.frames[_pixels_digest(record)] = record.frame_id
     for sensor, names in modalities.items():
