@@ -13,6 +13,9 @@ from oaisys_core.types import FloatArray
 POINTS_PER_PIECE = 64
 """Points between two waypoints at which the arc length is tabulated."""
 
+MIN_CHORD_M = 1e-3
+"""Distance below which two successive waypoints are one; rounding would bend the curve there."""
+
 MIN_SPEED = 1e-6
 """Arc length per unit of the spline's parameter, which is about 1, below which it stands still."""
 
@@ -29,12 +32,18 @@ class WaypointCurve:
         """Pass through (K, 2) or (K, 3) waypoints, of which successive ones differ.
 
         Raises:
-            InvalidInputError: Two successive waypoints are the same, or the curve reverses at one.
+            InvalidInputError: Two successive waypoints are hardly apart, or the curve reverses.
         """
         chords_m = np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)
-        if len(waypoints_m) < 2 or not (chords_m > 0).all():
-            expected = "two or more waypoints, of which successive ones differ"
-            raise InvalidInputError("drive.waypoints_m", waypoints_m.tolist(), expected)
+        if len(waypoints_m) < 2:
+            raise InvalidInputError(
+                "drive.waypoints_m", waypoints_m.tolist(), "two or more waypoints"
+            )
+        if not (chords_m >= MIN_CHORD_M).all():
+            index = int(np.argmin(chords_m >= MIN_CHORD_M)) + 1
+            received = f"one {chords_m[index - 1]:.3g} m from the one before"
+            expected = f"successive waypoints that are at least {MIN_CHORD_M:g} m apart"
+            raise InvalidInputError(f"drive.waypoints_m.{index}", received, expected)
         knots = np.append(0.0, np.cumsum(chords_m))
         self._curve = scipy.interpolate.CubicSpline(knots, waypoints_m, bc_type="natural")
         pieces = [np.linspace(a, b, POINTS_PER_PIECE, endpoint=False) for a, b in pairwise(knots)]

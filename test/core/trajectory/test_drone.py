@@ -9,6 +9,7 @@ from oaisys_core.config.sections.drive import DroneConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
+from oaisys_core.trajectory.waypoint_curve import WaypointCurve
 from oaisys_core.types import FloatArray
 
 WAYPOINTS_M = np.array([(0, 0, 2), (10, 0, 6), (14, 8, 3), (4, 12, 5), (4, 12, 12)], float)
@@ -79,3 +80,21 @@ def test_a_drone_looks_along_its_way_and_thrusts_along_its_z_axis() -> None:
 def test_equal_successive_waypoints_are_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"drive\.waypoints_m"):
         plan_flight(drone(), WAYPOINTS_M[[0, 1, 1]], GRAVITY_M_S2)
+
+
+@pytest.mark.parametrize("gap_m", [0.0, 1e-300, 1e-9, 1e-6, 9e-4])
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_waypoints_that_hardly_differ_are_refused_by_their_number(
+    gap_m: float, dimensions: int
+) -> None:
+    """One at 1e-9 m, behind others or alone, asked a rover's plan for more memory than there is."""
+    way_m = np.zeros((4, dimensions))
+    way_m[:, 0] = 0, 2, 2 + gap_m, 4
+    with pytest.raises(InvalidInputError, match=r"waypoints_m\.2: .*at least 0\.001 m apart"):
+        WaypointCurve(way_m)
+    with pytest.raises(InvalidInputError, match=r"waypoints_m\.1: .*at least 0\.001 m apart"):
+        WaypointCurve(way_m[1:3] - way_m[1])
+
+
+def test_waypoints_a_millimetre_apart_are_a_way() -> None:
+    assert WaypointCurve(np.array([[0.0, 0], [1.001e-3, 0]])).length_m == pytest.approx(1.001e-3)
