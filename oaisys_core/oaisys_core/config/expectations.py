@@ -139,7 +139,9 @@ def _by_location(
     for detail in details:
         if detail["loc"] not in around:
             found.setdefault(_location(detail, data), []).append(detail)
-    return found
+    # Of a union, whose alternatives are in pydantic's locations, the one that went deepest counts.
+    outer = {location[:end] for location in found for end in range(len(location))}
+    return {location: details for location, details in found.items() if location not in outer}
 
 
 def _join(faults: Sequence[ConfigFault]) -> ConfigFault:
@@ -235,12 +237,13 @@ def _location(detail: ErrorDetails, data: object) -> tuple[int | str, ...]:
     """Return an error's location without the names of types that pydantic inserts."""
     loc, here = detail["loc"], data
     location: list[int | str] = []
+    is_missing = detail["type"] == MISSING_KEY
     for index, part in enumerate(loc):
         is_key = isinstance(here, Mapping) and part in here
         is_index = isinstance(here, list | tuple) and isinstance(part, int) and part < len(here)
         if is_key or is_index:
             here = here[part]  # type: ignore[index]
-        elif index < len(loc) - 1 or "[" in str(part) or not isinstance(here, Mapping | list):
+        elif index < len(loc) - 1 or not is_missing or not isinstance(here, Mapping | list):
             continue
         location.append(part)
     if detail["type"].startswith("union_tag_"):

@@ -248,3 +248,48 @@ def test_of_very_many_faults_the_first_are_told_and_all_are_counted() -> None:
     *told, counted = str(caught.value).splitlines()
     assert [line.split(": ")[1] for line in told] == [f"key_{number}" for number in range(100)]
     assert counted == "config: 4900 more errors, 5000 in all"
+
+
+LAYERS = """
+stage: {preset: plane}
+materials: {layers: [{texture: sand, label: sand, semantic_id: 1}]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("density: [{kind: layer, label: []}]", "density.0.label: received [], expected text or"),
+        ("density: [{kind: layer, label: [1]}]", "density.0.label.0: received 1, expected text"),
+        ("density: [{kind: layer, label: {a: 1}}]", "density.0.label: received {'a': 1}, expected"),
+    ],
+)
+def test_a_key_of_one_or_several_has_one_fault_at_its_own_path(
+    section: str, message: str, tmp_path: Path
+) -> None:
+    """pydantic's names of alternatives, such as `label.str`, are no keys."""
+    group = f"name: g, shape: boulder, label: b, semantic_id: 9, count: [1, 2], {section}"
+    path = tmp_path / "world.yaml"
+    path.write_text(f"{LAYERS}assets: {{groups: [{{{group}}}]}}\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        load_config(path)
+    (line,) = str(refused.value).splitlines()
+    assert f" assets.groups.0.{message}" in line
+
+
+@pytest.mark.parametrize(
+    ("nodata", "message"),
+    [
+        ("[none]", "stage.dem.nodata.0: received 'none', expected a number"),
+        ("[0, none]", "stage.dem.nodata.1: received 'none', expected a number"),
+        ("{a: 1}", "stage.dem.nodata: received {'a': 1}, expected a number or"),
+        ("nothing", "stage.dem.nodata: received 'nothing', expected a number or"),
+    ],
+)
+def test_alternatives_of_a_value_are_one_fault(nodata: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "world.yaml"
+    path.write_text(f"stage: {{dem: {{file: {path.name}, nodata: {nodata}}}}}\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        load_config(path)
+    (line,) = str(refused.value).splitlines()
+    assert f" {message}" in line
