@@ -80,11 +80,14 @@ def decode_channels(
     try:
         with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
             check_exr(file, use, name)
-            if len(file.parts) > 1 and not all_parts:
+            count = len(file.parts)
+            if count > 1 and not all_parts:
                 parts = ", ".join(quote(part.header.get("name", "")) for part in file.parts)
-                expected = f"{use.name} of one part, not of {len(file.parts)}: {parts}"
+                expected = f"{use.name} of one part, not of {count}: {parts}"
                 raise InvalidInputError(use.field, name, expected)
         with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
+            if len(file.parts) != count:  # OpenEXR leaves out those that it cannot decode
+                raise ValueError("its pixels are damaged")
             return {
                 channel: np.asarray(values.pixels)[display_window(part.header, use, name)]
                 for part in file.parts
