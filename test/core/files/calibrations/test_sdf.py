@@ -220,6 +220,10 @@ LINK = '<link name="body">{}</link>'
         (model(LINK.format(camera(pose="<pose>0 0 0</pose>"))), "<pose>.*6 finite numbers"),
         (model(LINK.format(camera(pose='<pose frame="a">0 0 0 0 0 0</pose>'))), 'frame="a"'),
         (model(LINK.format(camera(pose='<pose relative_to="x">0 0 0 0 0 0</pose>'))), "'x'.*body"),
+        (model(LINK.format(camera(pose='<pose relativ_to="a">0 0 0 0 0 0</pose>'))),
+         "'relativ_to'.*expected.*did you mean relative_to"),
+        (model(LINK.format(camera(pose='<pose degree="true">0 0 0 0 0 90</pose>'))),
+         "'degree'.*expected.*did you mean degrees"),
         (model(f'<link name="a"><pose relative_to="b"/>{camera()}</link>'
                '<frame name="b" attached_to="a"/>'),
          "a > b > a.*circle"),

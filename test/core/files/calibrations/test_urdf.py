@@ -264,6 +264,31 @@ def test_sensors_and_plugins_that_we_lack_are_named(tmp_path: Path) -> None:
     assert any("URDF's own <sensor> 'own'" in note for note in notes)
 
 
+ORIGINS = {
+    "xyz, misspelt": '<origin yyz="1 2 3"/>',
+    "rpy, in degrees": '<origin xyz="1 2 3" rpy_deg="0 0 90"/>',
+    "a quaternion": '<origin xyz="1 2 3" quat_xyzw="0 0 0 1"/>',
+}
+
+
+@pytest.mark.parametrize("origin", ORIGINS.values(), ids=list(ORIGINS))
+def test_an_attribute_of_an_origin_that_nobody_reads_is_refused(
+    tmp_path: Path, origin: str
+) -> None:
+    """The link would stand elsewhere."""
+    joint = f'<joint name="j" type="fixed">{origin}<parent link="mast"/><child link="eye"/></joint>'
+    with pytest.raises(InvalidInputError, match=r"line \d+: <origin>.*expected one of rpy, xyz"):
+        read(robot(links='<link name="eye"/>' + joint), tmp_path)
+
+
+def test_elements_that_urdf_does_not_have_are_named(tmp_path: Path) -> None:
+    ends = '<parent link="mast"/><child link="eye"/>'
+    joint = f'<joint name="j" type="fixed"><origi xyz="1 2 3"/>{ends}</joint>'
+    notes = read(robot(links='<link name="eye"><visuel/></link><lnk/>' + joint), tmp_path).notes
+    named = sorted(note.split(": ")[1] for note in notes if note.startswith("not used of "))
+    assert named == ["lnk", "origi", "visuel"]
+
+
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 
 

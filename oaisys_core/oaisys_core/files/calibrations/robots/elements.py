@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 from xml.parsers import expat
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.files.documents import MAX_DEPTH
 from oaisys_core.files.numbers import float_of
 
@@ -62,6 +62,16 @@ class XmlElement:
         if not (found := self.attributes.get(key, "").strip()):
             raise InvalidInputError(self.where, f"no {key}", f'{key}="..."')
         return found
+
+    def check_attributes(self, *keys: str) -> None:
+        """Raise if this element has attributes that nobody reads; those of a namespace may be.
+
+        Raises:
+            InvalidInputError: It has another one, which may be one of the keys, misspelt.
+        """
+        for key in self.attributes:
+            if key not in keys and ":" not in key:
+                raise InvalidInputError(self.where, key, one_of(list(keys), key))
 
     def all(self, *tags: str) -> list[XmlElement]:
         """Return the elements in this one that have one of the names, and count them as read."""

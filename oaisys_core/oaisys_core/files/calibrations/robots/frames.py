@@ -25,10 +25,15 @@ def rotation_of(roll_pitch_yaw_rad: list[float]) -> FloatArray:
 
 
 def origin_in(element: XmlElement) -> FloatArray:
-    """Return the (4, 4) pose in an element's ``<origin>`` of URDF; the identity without one."""
+    """Return the (4, 4) pose in an element's ``<origin>`` of URDF; the identity without one.
+
+    Raises:
+        InvalidInputError: It has other attributes than positions and angles, or no numbers in them.
+    """
     origin = element.child("origin")
     if origin is None:
         return np.eye(4)
+    origin.check_attributes("xyz", "rpy")
     position = origin.numbers(3, text=origin.attributes.get("xyz") or "0 0 0")
     angles = origin.numbers(3, text=origin.attributes.get("rpy") or "0 0 0")
     return transform(rotation_of(angles), position)
@@ -38,9 +43,13 @@ def pose_of(pose: XmlElement | None) -> FloatArray:
     """Return the (4, 4) pose in a ``<pose>`` of SDF; the identity without one.
 
     Raises:
-        InvalidInputError: It is not six numbers, or seven with a quaternion.
+        InvalidInputError: It is not six numbers, or seven with a quaternion, or has attributes
+            that SDF does not have.
     """
-    if pose is None or not pose.text:
+    if pose is None:
+        return np.eye(4)
+    pose.check_attributes("relative_to", "rotation_format", "degrees", "frame")
+    if not pose.text:
         return np.eye(4)
     if pose.attributes.get("frame"):
         expected = "relative_to (SDF 1.7 on); `gz sdf -p FILE` converts it"

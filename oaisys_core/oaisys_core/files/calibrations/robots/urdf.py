@@ -28,6 +28,16 @@ from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray
 
 BASE = "base_link"
+KNOWN = {
+    "robot": ("link", "joint", "material", "gazebo", "sensor", "transmission"),
+    "link": ("visual", "collision", "inertial"),
+    "joint": (
+        *("origin", "parent", "child", "axis", "calibration", "dynamics", "limit", "mimic"),
+        "safety_controller",
+    ),
+    "visual": ("origin", "geometry", "material"),
+}
+"""Elements of URDF in an element, of which those of shape and motion are not read."""
 
 
 def read_urdf(root: XmlElement, base: str | None) -> Robot:
@@ -55,8 +65,10 @@ def read_urdf(root: XmlElement, base: str | None) -> Robot:
     tree = [joint for _, joint in joints]
     notes = Notes()
     notes.add(f"the rig's base_link is the file's link {chosen}")
+    _note_unknown([root, *links.values(), *(joint for joint, _ in joints)], notes)
     sensors = _sensors(root, in_base, notes)
     visual_notes = Notes()
+    _note_unknown([v for link in links.values() for v in link.all("visual")], visual_notes)
     visuals = _visuals(root, links, in_base, visual_notes)
     note_joints(tree, sensors.links, notes, visual_notes)
     return Robot(
@@ -67,6 +79,15 @@ def read_urdf(root: XmlElement, base: str | None) -> Robot:
         links_like_sensors(list(links)),
         in_base,
     )
+
+
+def _note_unknown(elements: list[XmlElement], notes: Notes) -> None:
+    """Note which elements in some of `KNOWN` URDF does not have there, perhaps misspelt."""
+    for element in elements:
+        unknown = [each.tag for each in element.children if each.tag not in KNOWN[element.tag]]
+        if unknown:
+            tags = ", ".join(dict.fromkeys(unknown))
+            notes.add(f"not used of {element.tag} on line {element.line}: {tags}")
 
 
 def _links(root: XmlElement) -> dict[str, XmlElement]:
