@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,8 @@ from oaisys_core.files.yaml_documents import parse_yaml_with_lines
 
 if TYPE_CHECKING:
     import yaml
+
+_WORD = re.compile(r"\w{2,}")
 
 
 def load_config(path: Path) -> SimulationConfig:
@@ -109,9 +112,19 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
     received = f"received {quote(fault.received)}"
     if fault.statement is None:
         return f"{where}: {path}: {received}, expected {fault.expected}{fault.hint}"
-    # Statements about a whole section name the keys; the section itself would be too long.
-    shown = "" if isinstance(fault.received, Mapping) else f"{received}: "
-    return f"{where}: {path}: {shown}{fault.statement}"
+    if isinstance(fault.received, Mapping):
+        return f"{where}: {path}: {_with_values(fault.statement, fault.received)}"
+    return f"{where}: {path}: {received}: {fault.statement}"
+
+
+def _with_values(statement: str, section: Mapping[Any, Any]) -> str:
+    """Return a statement about a section, with the values of the keys that it names.
+
+    The whole section would be too long.
+    """
+    named = {word: quote(section[word]) for word in _WORD.findall(statement) if word in section}
+    shown = [f"{key} {value}" for key, value in named.items() if value not in statement]
+    return f"{statement} (received {', '.join(shown)})" if shown else statement
 
 
 def _line_of(node: yaml.Node | None, loc: Iterable[int | str]) -> int | None:

@@ -293,3 +293,29 @@ def test_alternatives_of_a_value_are_one_fault(nodata: str, message: str, tmp_pa
         load_config(path)
     (line,) = str(refused.value).splitlines()
     assert f" {message}" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "sensors: {cameras: [{modalities: [rgb, rgb]}]}",
+            "sensors.cameras.0: modalities must differ (received modalities ['rgb', 'rgb'])",
+        ),
+        (
+            "sensors: {cameras: [{}], lidars: [{min_range_m: 5, max_range_m: 2}]}",
+            "max_range_m must be above min_range_m (received max_range_m 2, min_range_m 5)",
+        ),
+        (
+            "sensors: {motion: {kind: spline, waypoints_m: [[0, 0, 1]]}}",
+            "expected at least two waypoints",
+        ),
+    ],
+)
+def test_a_statement_about_a_section_has_the_values_that_it_names(
+    text: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "world.yaml"
+    path.write_text(f"{text}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        load_config(path)
