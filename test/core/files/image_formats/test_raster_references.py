@@ -10,7 +10,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.image_formats.images import ELEVATION
+from oaisys_core.files.image_formats.image_use import ELEVATION
 from oaisys_core.files.image_formats.rasters import open_raster
 
 
