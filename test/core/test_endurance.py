@@ -10,7 +10,7 @@ import pytest
 from repository import HELPERS
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_memory_stays_flat_over_samples() -> None:
     ended = subprocess.run(
         [sys.executable, str(HELPERS / "endurance.py"), "160"],

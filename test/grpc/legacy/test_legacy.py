@@ -163,7 +163,7 @@ def test_the_originals_client_reads_the_frames_that_ours_gets(
 ) -> None:
     client = connect(rocky)
     client.new_batch()
-    reply = client.step_sample((1.0, 2.0, 8.0))
+    reply = client.step_sample((1.0, 2.0, 14.0))
     assert (reply.successRet, reply.batchID, reply.sampleID) == (True, 1, 1)
     paths = client.wait_for_files()
     assert paths == client.wait_for_files()  # a second poll loses nothing

@@ -108,5 +108,8 @@ def test_nothing_is_repeated_without_time_or_rate(stage: Stage, option: str) -> 
         assert user.set_pose(pose_looking_down(0.0, 0.0, height_m)).success
         end_s = time.monotonic() + PERIODS / RATE_HZ
         user.wait_until(partial(past, end_s))
-    assert [h for h in heights_m(user) if h != START_HEIGHT_M] == [5.0, 6.0, 7.0]
-    assert set(heights_m(user)[:-3]) <= {START_HEIGHT_M}
+    found = heights_m(user)
+    # A new subscriber is a reason to repeat, and a busy bridge may see it after the first pose.
+    assert set(found[:-3]) <= {START_HEIGHT_M, 5.0}
+    assert found.count(5.0) <= 2
+    assert found[-3:] == [5.0, 6.0, 7.0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -141,6 +140,8 @@ def tones_at(material: TerrainMaterial, xy_m: FloatArray) -> tuple[NDArray[np.in
 
 def _blur(mask: Field, texel_m: FloatArray) -> Field:
     sigma_x, sigma_y = (EDGE_M / texel_m).tolist()
+    import cv2
+
     if max(sigma_x, sigma_y) < 0.3:
         return mask
     blurred = cv2.GaussianBlur(mask, (0, 0), sigma_x, sigmaY=sigma_y)
@@ -149,6 +150,8 @@ def _blur(mask: Field, texel_m: FloatArray) -> Field:
 
 def _clumps(shape: tuple[int, ...], extent_m: float, rng: np.random.Generator) -> Field:
     """Return a map from 0 to 1 of how well grass grows, half of it above 0.5."""
+    import cv2
+
     waves = float(np.clip(extent_m / (2 * CLUMP_M), 1, CLUMPS_PX / 4))
     noise = spectral(CLUMPS_PX, waves, rng, 1.9)
     wide = cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_LINEAR)
