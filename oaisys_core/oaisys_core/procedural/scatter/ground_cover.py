@@ -139,9 +139,9 @@ def tones_at(material: TerrainMaterial, xy_m: FloatArray) -> tuple[NDArray[np.in
 
 
 def _blur(mask: Field, texel_m: FloatArray) -> Field:
-    sigma_x, sigma_y = (EDGE_M / texel_m).tolist()
     import cv2
 
+    sigma_x, sigma_y = (EDGE_M / texel_m).tolist()
     if max(sigma_x, sigma_y) < 0.3:
         return mask
     blurred = cv2.GaussianBlur(mask, (0, 0), sigma_x, sigmaY=sigma_y)
