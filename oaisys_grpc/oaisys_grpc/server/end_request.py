@@ -7,6 +7,7 @@ import logging
 import os
 import select
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 
 _LOG = logging.getLogger(__name__)
@@ -50,14 +51,17 @@ class EndRequest:
             pass
 
 
-def exit_at_last(started: Future[None]) -> None:
-    """Let the process exit soon, even if a thread does not end."""
+def exit_at_last(started: Future[None], clean_up: Callable[[], object]) -> None:
+    """Let the process exit soon, even if a thread does not end; ``clean_up`` is called first."""
     failed = started.done() and started.exception() is not None
 
     def leave() -> None:
-        _LOG.warning("something did not end within %g s; the process exits without it", _LAST_S)
-        logging.shutdown()
-        os._exit(1 if failed else 0)
+        try:
+            _LOG.warning("something did not end within %g s; the process exits without it", _LAST_S)
+            clean_up()
+            logging.shutdown()
+        finally:
+            os._exit(1 if failed else 0)
 
     timer = threading.Timer(_LAST_S, leave)
     timer.daemon = True

@@ -164,12 +164,18 @@ class SimulatorServer:
             _LOG.warning("calls of clients did not end; they are left")
         self._calls.close()
         self._threads.shutdown()
+        has_lost_parent = os.getppid() != self._parent
+        self.remove_socket(_OWNER_END_S if has_lost_parent else 0.0)
+
+    def remove_socket(self, wait_s: float = 0.0) -> None:
+        """Remove a socket, and the folder that a program that was killed had made for it.
+
+        Args:
+            wait_s: How long to wait for the end of that program.
+        """
         remove_socket(self.address)
         if self.address.startswith(UNIX):
-            # A program that was killed has left the folder that it had made for the socket.
-            has_lost_parent = os.getppid() != self._parent
-            folder = unix_path(self.address).parent
-            remove_if_abandoned(folder, _OWNER_END_S if has_lost_parent else 0.0)
+            remove_if_abandoned(unix_path(self.address).parent, wait_s)
 
     def _add_services(self) -> None:
         """Add all that answers at the port."""
@@ -260,7 +266,7 @@ def serve(
         end.wait()
         asked = not started.done()
     finally:
-        exit_at_last(started)
+        exit_at_last(started, server.remove_socket)
         server.stop(lambda: end.is_repeated)
         end_service_at_signals(signal.SIG_IGN)
     if not asked and (failure := started.exception()):
