@@ -291,6 +291,7 @@ def test_a_server_without_trajectory_or_drive_says_what_is_missing(
 
 
 def test_a_refused_drive_has_the_status_of_its_error(client: SimulatorClient) -> None:
+    client.set_trajectory(RISE)
     with pytest.raises(NotFoundError) as caught, client.drive("trajectories/none"):
         pass
     assert code_of(caught.value).name == "NOT_FOUND"
