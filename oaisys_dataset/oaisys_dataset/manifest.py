@@ -5,8 +5,6 @@ A *frame* is what one camera shows at one view of a world, in all modalities.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from itertools import accumulate
@@ -16,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.canonical_json import canonical_text, text_sha256
 from oaisys_core.output.record_types import (
     CameraFields,
     Count,
@@ -279,8 +278,7 @@ class DatasetInfo(Record):
                 the head ``name``.
         """
         for part in self.parts:
-            text = json.dumps(part.info.config, sort_keys=True, separators=(",", ":"))
-            found = hashlib.sha256(text.encode()).hexdigest()
+            found = text_sha256(canonical_text(part.info.config))
             if found != part.info.config_sha256:
                 where = f", from world {part.first_world}" if self.merged else ""
                 received = f"a configuration with the hash {found}"

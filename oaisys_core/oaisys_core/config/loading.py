@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -21,6 +19,7 @@ from oaisys_core.config.expectations import (
 )
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.errors import ConfigError, quote, show_field
+from oaisys_core.files.canonical_json import canonical_text, text_sha256
 from oaisys_core.files.documents import DocumentError, read_text
 from oaisys_core.files.path_fields import BASE
 from oaisys_core.files.yaml_documents import parse_yaml_with_lines
@@ -79,12 +78,12 @@ def canonical_json(config: SimulationConfig) -> str:
 
     Paths in it are absolute, except for ``stage.store`` and ``output.folder``.
     """
-    return json.dumps(config.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+    return canonical_text(config.model_dump(mode="json"))
 
 
 def config_sha256(config: SimulationConfig) -> str:
     """Return the hash of a configuration's canonical JSON form."""
-    return hashlib.sha256(canonical_json(config).encode()).hexdigest()
+    return text_sha256(canonical_json(config))
 
 
 def _check(

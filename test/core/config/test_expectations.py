@@ -256,6 +256,16 @@ materials: {layers: [{texture: sand, label: sand, semantic_id: 1}]}
 """
 
 
+def refused_line(text: str, folder: Path) -> str:
+    """Return the only line of the error about a configuration."""
+    path = folder / "world.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        load_config(path)
+    (line,) = str(refused.value).splitlines()
+    return line
+
+
 @pytest.mark.parametrize(
     ("section", "message"),
     [
@@ -269,11 +279,7 @@ def test_a_key_of_one_or_several_has_one_fault_at_its_own_path(
 ) -> None:
     """pydantic's names of alternatives, such as `label.str`, are no keys."""
     group = f"name: g, shape: boulder, label: b, semantic_id: 9, count: [1, 2], {section}"
-    path = tmp_path / "world.yaml"
-    path.write_text(f"{LAYERS}assets: {{groups: [{{{group}}}]}}\n", encoding="utf-8")
-    with pytest.raises(ConfigError) as refused:
-        load_config(path)
-    (line,) = str(refused.value).splitlines()
+    line = refused_line(f"{LAYERS}assets: {{groups: [{{{group}}}]}}\n", tmp_path)
     assert f" assets.groups.0.{message}" in line
 
 
@@ -287,11 +293,7 @@ def test_a_key_of_one_or_several_has_one_fault_at_its_own_path(
     ],
 )
 def test_alternatives_of_a_value_are_one_fault(nodata: str, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "world.yaml"
-    path.write_text(f"stage: {{dem: {{file: {path.name}, nodata: {nodata}}}}}\n", encoding="utf-8")
-    with pytest.raises(ConfigError) as refused:
-        load_config(path)
-    (line,) = str(refused.value).splitlines()
+    line = refused_line(f"stage: {{dem: {{file: world.yaml, nodata: {nodata}}}}}\n", tmp_path)
     assert f" {message}" in line
 
 

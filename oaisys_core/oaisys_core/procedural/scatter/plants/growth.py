@@ -178,3 +178,10 @@ def across(along: FloatArray) -> FloatArray:
     """Return (..., 3) unit vectors perpendicular to (..., 3) unit vectors, level if possible."""
     steep = np.abs(along[..., 2:]) > 0.95
     return unit(np.cross(np.where(steep, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), along))
+
+
+def level_vectors(rng: np.random.Generator, count: int) -> FloatArray:
+    """Return (count, 3) random horizontal vectors, whose x and y are normally distributed."""
+    vectors = rng.normal(size=(count, 3))
+    vectors[:, 2] = 0.0
+    return vectors

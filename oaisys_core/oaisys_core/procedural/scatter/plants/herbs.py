@@ -9,7 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
-from oaisys_core.procedural.scatter.plants.growth import UP, StemRule, Stems, branches, stems, unit
+from oaisys_core.procedural.scatter.plants.growth import (
+    UP,
+    StemRule,
+    Stems,
+    branches,
+    level_vectors,
+    stems,
+    unit,
+)
 from oaisys_core.procedural.scatter.plants.organ_sizes import ORGANS, OrganSize, inner
 from oaisys_core.procedural.scatter.plants.organs import (
     Organs,
@@ -207,8 +215,8 @@ def _grass(
     vigour = 1 - RIM_STUNTING * edge**2
     dry = rng.uniform(size=tufts) ** 2
     tuft = rng.integers(tufts, size=count)
-    feet = centres[tuft] + 0.035 / low * _level(rng, count)
-    leaning = centres[tuft] * 0.25 + lean * _level(rng, count)
+    feet = centres[tuft] + 0.035 / low * level_vectors(rng, count)
+    leaning = centres[tuft] * 0.25 + lean * level_vectors(rng, count)
     leaves = stems(
         feet,
         UP + leaning,
@@ -311,17 +319,10 @@ def _bunch(
 ) -> Stems:
     """Return stems from a disc of the radius ``spread``, leaning outwards."""
     feet = _disc(rng, count, spread)
-    out: FloatArray = feet / max(spread, 1e-6) * lean + 0.5 * lean * _level(rng, count)
+    out: FloatArray = feet / max(spread, 1e-6) * lean + 0.5 * lean * level_vectors(rng, count)
     rule = StemRule(1, bend=bend, wander=0.12, points=points, taper=0.35)
     lengths = rng.uniform(*length, count)
     return stems(feet, UP + out, lengths, np.full(count, radius), rule, rng)
-
-
-def _level(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return (count, 3) random horizontal vectors, whose x and y are normally distributed."""
-    vectors = rng.normal(size=(count, 3))
-    vectors[:, 2] = 0.0
-    return vectors
 
 
 def _disc(rng: np.random.Generator, count: int, radius: float) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from oaisys_core.color import mean_linear, srgb
 from oaisys_core.procedural.scatter.mesh_builder import CUTICLE, MeshBuilder
-from oaisys_core.procedural.scatter.plants.growth import UP, StemRule, stems
+from oaisys_core.procedural.scatter.plants.growth import UP, StemRule, level_vectors, stems
 from oaisys_core.procedural.scatter.plants.organs import (
     Organs,
     add_blades,
@@ -127,8 +127,8 @@ def _add_blades(
     reach_m = max(width_m / 2 - 0.25 * tuft.length_m[1], 0.25 * width_m)
     centres = reach_m * far[:, None] * np.column_stack((np.cos(angle), np.sin(angle), 0 * angle))
     bunch = rng.integers(bunches, size=count)
-    feet = centres[bunch] + 0.014 * _level(rng, count)
-    outwards = centres[bunch] / reach_m * 0.3 + tuft.lean * _level(rng, count)
+    feet = centres[bunch] + 0.014 * level_vectors(rng, count)
+    outwards = centres[bunch] / reach_m * 0.3 + tuft.lean * level_vectors(rng, count)
     vigour = (1 - RIM_STUNTING * far**2) * rng.uniform(0.75, 1.0, bunches)
     lengths_m = vigour[bunch] * rng.uniform(*tuft.length_m, count)
     rule = StemRule(1, bend=tuft.bend, wander=0.2, points=4 if tuft.length_m[1] > 0.1 else 3)
@@ -151,7 +151,7 @@ def _add_herbs(
     """Add rosettes of broad leaves, as of plantain and dandelion, among the blades."""
     each = 7
     count = tuft.herbs * each
-    centres = 0.3 * width_m * np.repeat(_level(rng, tuft.herbs), each, axis=0)
+    centres = 0.3 * width_m * np.repeat(level_vectors(rng, tuft.herbs), each, axis=0)
     angle = rng.uniform(0, 2 * np.pi, count)
     ways = np.column_stack((np.cos(angle), np.sin(angle), rng.uniform(0.3, 1.2, count)))
     long_m = rng.uniform(0.2, 0.4, count) * tuft.length_m[1]
@@ -164,10 +164,3 @@ def _seen(linear_color: FloatArray) -> FloatArray:
     """Return (N, 3) sRGB colours that are (N, 3) linear ones under the wax of leaves."""
     bare = (linear_color - CUTICLE) / (1 - CUTICLE)
     return np.asarray(srgb(np.clip(np.maximum(bare, 0.35 * linear_color), 0, 1)))
-
-
-def _level(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return (count, 3) random level vectors, whose x and y are normally distributed."""
-    vectors = rng.normal(size=(count, 3))
-    vectors[:, 2] = 0.0
-    return vectors

@@ -120,7 +120,7 @@ def _bark(tree: NodeTree, color: Socket) -> Socket:
     depth = tree.clamp("MULTIPLY_ADD", red, -1 / red_span, SMOOTH_RED / red_span)
     grain = tree.math("SUBTRACT", noise.outputs[0], 0.5)
     height = tree.math("MULTIPLY", tree.math("MULTIPLY_ADD", grain, 0.8, plate), depth)
-    shade = tree.math("MULTIPLY_ADD", plate, FURROW_SHADE, 1 - FURROW_SHADE - 1)
+    shade = tree.math("MULTIPLY_ADD", plate, FURROW_SHADE, -FURROW_SHADE)
     shade = tree.math("MULTIPLY_ADD", grain, 2 * PLATE_SHADE, shade)
     bright = tree.math("MAXIMUM", tree.math("MULTIPLY_ADD", shade, depth, 1.0), 0.2)
     bump = tree.add("Bump", {"Height": height, "Distance": FURROW_M, "Strength": 1.0})

@@ -124,13 +124,34 @@ def rocks_beyond(
         shape_of,
     )
     numbers = ids.ids(len(poses))
+    return placements_by_shape(
+        rocks.first, shape_of, group.semantic_ids, poses, numbers, on_land=True
+    )
+
+
+def placements_by_shape(
+    first: int,
+    shape_of: NDArray[np.int64],
+    semantic_ids: tuple[int, ...],
+    T_map_object: FloatArray,
+    instance_ids: NDArray[np.uint32],
+    *,
+    on_land: bool = False,
+) -> list[Placement]:
+    """Return the placements of instances of several shapes, one for each shape that occurs.
+
+    Args:
+        first: Index of the first shape among the prototypes of the scene.
+        shape_of: (N,) numbers of their shapes, from 0.
+        semantic_ids, T_map_object, instance_ids, on_land: See `Placement`.
+    """
     return [
         Placement(
-            rocks.first + variant,
-            group.semantic_ids,
-            poses[shape_of == variant],
-            numbers[shape_of == variant],
-            on_land=True,
+            first + shape,
+            semantic_ids,
+            T_map_object[shape_of == shape],
+            instance_ids[shape_of == shape],
+            on_land=on_land,
         )
-        for variant in np.unique(shape_of).tolist()
+        for shape in np.unique(shape_of).tolist()
     ]

@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.procedural.scatter.ground_cover import TONES, tones_at, tuft_places, tuft_poses
+from oaisys_core.procedural.scatter.ground_cover import tones_at, tuft_places, tuft_poses
 from oaisys_core.procedural.scatter.ids import NO_OVERFLOW, IdBlock
 from oaisys_core.procedural.scatter.plants.swards import SWARDS, Tuft, blade_color, make_tuft
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
@@ -20,7 +19,11 @@ from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
 from oaisys_core.scene import Ground, MeshPrototype, Placement, TerrainLayer, TerrainMaterial
 from oaisys_core.scene.objects import FIRST_COVER_ID
 from oaisys_core.scene.surroundings import FarGround
-from oaisys_core.world.modules.assets.beyond import ThingsOnStage, plants_beyond
+from oaisys_core.world.modules.assets.beyond import (
+    ThingsOnStage,
+    placements_by_shape,
+    plants_beyond,
+)
 
 FORMS = 3
 """Meshes of one kind and colour."""
@@ -115,11 +118,7 @@ def _draw_tufts(
     group = _as_group(of_layer, tuft)
     poses = tuft_poses(ground, xy_m, sizes_m, randomness.child(rng, "turns"))
     ids = np.arange(first_id, first_id + len(poses), dtype=np.uint32)
-    on_stage = [
-        Placement(first + shape, of_layer.semantic_ids, poses[rows], ids[rows])
-        for shape, rows in _rows_of(shape_of, TONES * FORMS)
-    ]
-    yield shapes, on_stage
+    yield shapes, placements_by_shape(first, shape_of, of_layer.semantic_ids, poses, ids)
     if covered.land is None or not len(ids):
         return
     things = ThingsOnStage(shapes, first, poses, shape_of)
@@ -130,14 +129,6 @@ def _draw_tufts(
         group, things, block, around, material, beyond, first + len(shapes), covered.water_beyond
     )
     yield thinned, [replace(each, semantic_ids=of_layer.semantic_ids) for each in placements]
-
-
-def _rows_of(shape_of: NDArray[np.int64], count: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield each shape that occurs, with the rows of its instances."""
-    for shape in range(count):
-        rows = np.flatnonzero(shape_of == shape)
-        if len(rows):
-            yield shape, rows
 
 
 def _as_group(layer: TerrainLayer, tuft: Tuft) -> GroupConfig:

@@ -269,12 +269,11 @@ class LayerNodes:
             return factor
         # The same along both sides, so that beds go on around the corners of a cliff.
         along = tree.dot(self._position, ALONG_BEDS)
-        height = tree.add("SeparateXYZ", {0: self._position}).outputs["Z"]
+        height = tree.component(self._position, 2)
         beds = self._pattern(tree.combine(along, height, 0.0), BED_SCALE, macro)
-        brightness = tree.add("SeparateXYZ", {0: beds}).outputs[BRIGHTNESS_CHANNEL]
+        brightness = tree.component(beds, BRIGHTNESS_CHANNEL)
         power = tree.math("POWER", brightness, BED_BRIGHTNESS_POWER)
-        scaled = tree.vector("MULTIPLY", beds, tree.combine(power, power, power))
-        return tree.vector("MULTIPLY", factor, scaled)
+        return tree.vector("MULTIPLY", factor, tree.scale(beds, power))
 
     def _pattern(self, place: Socket, scale: tuple[float, float], macro: MacroVariation) -> Socket:
         """Return the factor at a place, of a pattern that is larger by ``scale`` in u and v."""
