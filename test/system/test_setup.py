@@ -38,6 +38,19 @@ def test_step_runs_once_and_again_when_its_key_changes(tmp_path: Path) -> None:
     assert worked == [True, False, True]
 
 
+def test_an_environment_s_own_python_and_its_base_make_the_same_set_up() -> None:
+    """One that is first on PATH made it, its base found it changed: all was built twice."""
+    code = "from tools.setup.environment import INTERPRETER; print(INTERPRETER)"
+    base = Path(sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}")
+    keys = {
+        subprocess.run(
+            [python, "-c", code], cwd=REPOSITORY, stdout=subprocess.PIPE, check=True
+        ).stdout
+        for python in (sys.executable, base)
+    }
+    assert len(keys) == 1
+
+
 def test_step_that_fails_is_not_stamped(tmp_path: Path) -> None:
     runs: list[bool] = []
 

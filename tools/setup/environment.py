@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-INTERPRETER = f"{Path(sys.executable).resolve()} {sys.version}"
+INTERPRETER = f"{sys.base_prefix} {sys.version}"
+"""The same for an environment's own Python, which may be a copy of its base."""
 PYTHON_VERSION = f"{sys.version_info.major}.{sys.version_info.minor}"
 REQUIREMENTS = REPOSITORY / "requirements" / f"py{PYTHON_VERSION.replace('.', '')}.txt"
 PYTHON_PACKAGES = tuple(
