@@ -22,7 +22,7 @@ from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_dataset.object_values import check_values, read_rows
 
 if TYPE_CHECKING:
-    from oaisys_core.raycast.object_views import ObjectViews
+    from oaisys_core.raycast.objects.views import ObjectViews
     from oaisys_dataset.manifest import FrameRecord, WorldLegend
 
 HASH_KEY = b"rows_sha256"

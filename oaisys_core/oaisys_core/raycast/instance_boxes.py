@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.raycast.instances import InstanceTarget, keep_nearest, matvec
+from oaisys_core.raycast.objects.visible_boxes import BOX_CORNERS
 from oaisys_core.raycast.open3d_bvh import open3d_scene
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
 from oaisys_core.raycast.targets.ray_target import NO_ELEMENT
-from oaisys_core.raycast.visible_boxes import BOX_CORNERS
 from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray
 

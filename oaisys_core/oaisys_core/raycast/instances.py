@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.raycast.objects.visible_boxes import BOX_CORNERS, visible_pixels
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype
 from oaisys_core.raycast.targets.ray_target import NO_ELEMENT, RayTarget
 from oaisys_core.raycast.triangles import exact_distances, unit
-from oaisys_core.raycast.visible_boxes import BOX_CORNERS, visible_pixels
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray
 

@@ -16,8 +16,8 @@ from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.procedural.terrain.detail import Detail, DetailedGround
 from oaisys_core.procedural.terrain.surroundings.far_ground import FarGroundMesh
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
-from oaisys_core.procedural.terrain.water import NO_WATER, Water
-from oaisys_core.procedural.terrain.water_beyond import WaterBeyond, water_beyond
+from oaisys_core.procedural.terrain.water.beyond_stage import WaterBeyond, water_beyond
+from oaisys_core.procedural.terrain.water.ponds import NO_WATER, Water
 from oaisys_core.scene import (
     Ground,
     Lamp,

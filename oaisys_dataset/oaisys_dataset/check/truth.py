@@ -17,7 +17,7 @@ import pyarrow as pa
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pixel_rays, pose_to_matrix, transform_points
 from oaisys_core.output.records import pose_from_record
-from oaisys_core.raycast.object_views import ObjectFinder
+from oaisys_core.raycast.objects.views import ObjectFinder
 from oaisys_core.render.analytic import AnalyticBackend
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.output.records import intrinsics_record
-from oaisys_core.raycast.object_views import ObjectFinder
+from oaisys_core.raycast.objects.views import ObjectFinder
 from oaisys_core.scene import Scene
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (

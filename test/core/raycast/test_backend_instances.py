@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.raycast import visible_boxes
 from oaisys_core.raycast.instance_boxes import BoxInstanceTarget
 from oaisys_core.raycast.instances import matvec
+from oaisys_core.raycast.objects import visible_boxes
 from oaisys_core.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
 from oaisys_core.raycast.targets import placement_targets
 from oaisys_core.raycast.targets.ray_target import NO_ELEMENT

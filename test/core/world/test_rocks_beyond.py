@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.procedural.scatter.beyond_stage import REACH
+from oaisys_core.procedural.scatter.placement.beyond_stage import REACH
 from oaisys_core.scene import Placement
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, ObjectQuery, Pose

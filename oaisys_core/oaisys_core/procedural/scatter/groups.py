@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.procedural.scatter.density import Density, make_density
-from oaisys_core.procedural.scatter.ground_pose import footprint_of
-from oaisys_core.procedural.scatter.placement import (
+from oaisys_core.procedural.scatter.placement.density import Density, make_density
+from oaisys_core.procedural.scatter.placement.ground_pose import footprint_of
+from oaisys_core.procedural.scatter.placement.random_poses import (
     MAX_TILT_DEG,
     bedding,
     leaning,
@@ -21,16 +21,20 @@ from oaisys_core.procedural.scatter.placement import (
     power_law_sizes,
     slope_deg,
 )
-from oaisys_core.procedural.scatter.plants.organ_sizes import CLASS_RATIO
-from oaisys_core.procedural.scatter.resting import MAX_BURIED, resting_depth_m, sunk_shares
-from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
-from oaisys_core.procedural.scatter.shapes import MATS, PLANTS
-from oaisys_core.procedural.scatter.spacing import (
+from oaisys_core.procedural.scatter.placement.resting import (
+    MAX_BURIED,
+    resting_depth_m,
+    sunk_shares,
+)
+from oaisys_core.procedural.scatter.placement.spacing import (
     OccupiedPlaces,
     Spacing,
     first_come,
     pairs_too_near,
 )
+from oaisys_core.procedural.scatter.plants.organ_sizes import CLASS_RATIO
+from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
+from oaisys_core.procedural.scatter.shapes import MATS, PLANTS
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.scene.terrain_material import TerrainMaterial
 from oaisys_core.types import FloatArray

@@ -6,10 +6,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.scatter.density import Density, bilinear
-from oaisys_core.procedural.scatter.placement import slope_deg
-from oaisys_core.procedural.terrain.moisture import moisture
+from oaisys_core.procedural.scatter.placement.density import Density, bilinear
+from oaisys_core.procedural.scatter.placement.random_poses import slope_deg
 from oaisys_core.procedural.terrain.noise import Field
+from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray
 

@@ -19,9 +19,9 @@ from oaisys_core.procedural.terrain.masks.patches import (
     layer_masks,
 )
 from oaisys_core.procedural.terrain.masks.relief import RELIEF_PX, exposure, relief_of
-from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
 from oaisys_core.procedural.terrain.surroundings.land_relief import ReliefAround
+from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import Ground
 from oaisys_core.scene.surroundings import LandMasks
 from oaisys_core.scene.terrain_material import TerrainMaterial

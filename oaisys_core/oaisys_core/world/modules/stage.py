@@ -25,7 +25,7 @@ from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
-from oaisys_core.procedural.terrain.water import Water, WaterLook, level_from_share, water_on
+from oaisys_core.procedural.terrain.water.ponds import Water, WaterLook, level_from_share, water_on
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import merge
 from oaisys_core.world.module import Metadata, Module, World, override

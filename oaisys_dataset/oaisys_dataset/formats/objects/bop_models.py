@@ -107,7 +107,7 @@ class BopModels:
         if self._world == record.world:
             return
         from oaisys_core.config import config_from_mapping
-        from oaisys_core.raycast.object_views import ObjectFinder
+        from oaisys_core.raycast.objects.views import ObjectFinder
         from oaisys_core.render.analytic import AnalyticBackend
         from oaisys_core.simulation import Simulation
         from oaisys_core.world.batch import state_of

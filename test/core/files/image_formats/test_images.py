@@ -41,7 +41,7 @@ from oaisys_core.files.image_formats.rasters import open_geotiff
 from oaisys_core.output import exr
 from oaisys_core.output.images import decode_image
 from oaisys_core.procedural.environment.hdri import SkyImages, read_radiance
-from oaisys_core.procedural.scatter.density import _image as density_image
+from oaisys_core.procedural.scatter.placement.density import _image as density_image
 from oaisys_core.procedural.terrain import dem
 from oaisys_core.procedural.textures.folder import load_texture_folder
 from oaisys_core.procedural.textures.label_image import load_label_image

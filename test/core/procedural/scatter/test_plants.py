@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from oaisys_core.config.sections.density import MoistureDensity
-from oaisys_core.procedural.scatter.density import make_density
+from oaisys_core.procedural.scatter.placement.density import make_density
 from oaisys_core.procedural.scatter.plants.growth import StemRule, branches, stems
 from oaisys_core.procedural.scatter.plants.species import SPECIES
-from oaisys_core.procedural.terrain.moisture import moisture
+from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import HeightField
 
 MAX_TRIANGLES = 40_000

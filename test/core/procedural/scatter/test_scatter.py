@@ -9,9 +9,9 @@ from oaisys_core.config.sections.assets import RockGroupConfig
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.scatter.abundance import rock_abundance
-from oaisys_core.procedural.scatter.density import bilinear
 from oaisys_core.procedural.scatter.groups import scatter_group
-from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
+from oaisys_core.procedural.scatter.placement.density import bilinear
+from oaisys_core.procedural.scatter.placement.random_poses import power_law_sizes, scatter_on
 from oaisys_core.procedural.scatter.rock_families import ROUNDED, family_density
 from oaisys_core.procedural.scatter.rocks import (
     ROCK_KINDS,
@@ -20,8 +20,8 @@ from oaisys_core.procedural.scatter.rocks import (
     icosphere,
     make_rock,
 )
-from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.presets import make_ground
+from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.types import FloatArray
 

@@ -13,11 +13,11 @@ from oaisys_core import randomness
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.errors import ConfigError
-from oaisys_core.procedural.scatter.density import band, make_density
 from oaisys_core.procedural.scatter.groups import group_sizes_m, scatter_group
+from oaisys_core.procedural.scatter.placement.density import band, make_density
+from oaisys_core.procedural.scatter.placement.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.procedural.scatter.rocks import make_rock
 from oaisys_core.procedural.scatter.shapes import PLANTS, make_shape
-from oaisys_core.procedural.scatter.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.procedural.terrain.presets import make_ground
 from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.types import FloatArray

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from oaisys_core.procedural.scatter.ground_pose import footprint_of, pose_on_ground
 from oaisys_core.procedural.scatter.mesh_builder import MeshBuilder
+from oaisys_core.procedural.scatter.placement.ground_pose import footprint_of, pose_on_ground
 from oaisys_core.procedural.scatter.vehicles import VEHICLES, WHEEL_X, WHEEL_Y
 from oaisys_core.procedural.terrain.presets import make_ground
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.masks.relief import Relief, exposure, relief_of
-from oaisys_core.procedural.terrain.moisture import moisture
 from oaisys_core.procedural.terrain.noise import Field, band
+from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import Ground
 from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE, Variation
 

@@ -12,16 +12,16 @@ from oaisys_core import randomness
 from oaisys_core.config.sections.assets import RockGroupConfig
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.procedural.meshes.thinning import thin_out
-from oaisys_core.procedural.scatter.beyond_stage import (
+from oaisys_core.procedural.scatter.groups import WADING_M, poses_at
+from oaisys_core.procedural.scatter.ids import IdBlock
+from oaisys_core.procedural.scatter.placement.beyond_stage import (
     PlacesBeyond,
     places_beyond,
     plant_places_beyond,
 )
-from oaisys_core.procedural.scatter.groups import WADING_M, poses_at
-from oaisys_core.procedural.scatter.ids import IdBlock
-from oaisys_core.procedural.scatter.placement import poses_on, rim_m, slope_deg
+from oaisys_core.procedural.scatter.placement.random_poses import poses_on, rim_m, slope_deg
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
-from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
+from oaisys_core.procedural.terrain.water.beyond_stage import WaterBeyond
 from oaisys_core.scene import MeshPrototype, Placement, TerrainMaterial
 from oaisys_core.types import FloatArray
 

@@ -14,8 +14,6 @@ from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig
 from oaisys_core.config.sections.groups import MAX_INSTANCES, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.scatter.beyond_stage import goes_beyond
-from oaisys_core.procedural.scatter.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.groups import scatter_group
 from oaisys_core.procedural.scatter.ids import (
     FIRST_MOVER_ID,
@@ -23,9 +21,11 @@ from oaisys_core.procedural.scatter.ids import (
     IdBlock,
     InstanceIdPlan,
 )
+from oaisys_core.procedural.scatter.placement.beyond_stage import goes_beyond
+from oaisys_core.procedural.scatter.placement.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.trajectories import make_trajectory
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
-from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
+from oaisys_core.procedural.terrain.water.beyond_stage import WaterBeyond
 from oaisys_core.scene import (
     Ground,
     MeshPrototype,

@@ -11,11 +11,11 @@ import numpy as np
 from oaisys_core import randomness
 from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.procedural.scatter.ground_cover import tones_at, tuft_places, tuft_poses
 from oaisys_core.procedural.scatter.ids import NO_OVERFLOW, IdBlock
+from oaisys_core.procedural.scatter.placement.ground_cover import tones_at, tuft_places, tuft_poses
 from oaisys_core.procedural.scatter.plants.swards import SWARDS, Tuft, blade_color, make_tuft
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
-from oaisys_core.procedural.terrain.water_beyond import WaterBeyond
+from oaisys_core.procedural.terrain.water.beyond_stage import WaterBeyond
 from oaisys_core.scene import Ground, MeshPrototype, Placement, TerrainLayer, TerrainMaterial
 from oaisys_core.scene.objects import FIRST_COVER_ID
 from oaisys_core.scene.surroundings import FarGround

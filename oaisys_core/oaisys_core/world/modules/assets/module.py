@@ -13,13 +13,13 @@ from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import MAX_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
-from oaisys_core.procedural.scatter.beyond_stage import goes_beyond
 from oaisys_core.procedural.scatter.ids import (
     FIRST_MOVER_ID,
     FIRST_OBJECT_ID,
     InstanceIdPlan,
     id_of_added,
 )
+from oaisys_core.procedural.scatter.placement.beyond_stage import goes_beyond
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.textures import TEXTURES
 from oaisys_core.scene import TerrainMaterial

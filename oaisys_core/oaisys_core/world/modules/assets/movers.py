@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from oaisys_core.procedural.scatter.ground_pose import pose_on_ground
+from oaisys_core.procedural.scatter.placement.ground_pose import pose_on_ground
 from oaisys_core.procedural.scatter.trajectories import MoverTrajectory
 from oaisys_core.procedural.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
 from oaisys_core.scene import Ground, WheelTracks

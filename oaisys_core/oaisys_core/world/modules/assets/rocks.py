@@ -11,7 +11,7 @@ from oaisys_core.config.sections.assets import RockGroupConfig
 from oaisys_core.config.sections.groups import MAX_INSTANCES
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.scatter.abundance import rock_abundance
-from oaisys_core.procedural.scatter.placement import power_law_sizes, scatter_on
+from oaisys_core.procedural.scatter.placement.random_poses import power_law_sizes, scatter_on
 from oaisys_core.procedural.scatter.rock_families import family_density, fragment_share
 from oaisys_core.procedural.scatter.rocks import make_rock
 from oaisys_core.scene import Ground, MeshPrototype, PbrMaps

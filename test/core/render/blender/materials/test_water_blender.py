@@ -11,7 +11,7 @@ from blender_process import in_blender
 from synthetic_worlds import CENTRED, SUNNY, camera, flat_world
 
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.procedural.terrain.water import WaterLook, water_mesh
+from oaisys_core.procedural.terrain.water.ponds import WaterLook, water_mesh
 from oaisys_core.scene import Placement
 
 INDEX = 1.33

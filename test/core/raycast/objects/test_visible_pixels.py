@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import camera
 
 from oaisys_core.geometry import invert, pixel_rays, pose_looking_at
-from oaisys_core.raycast.visible_boxes import BOX_CORNERS, MAX_BOXES, visible_pixels
+from oaisys_core.raycast.objects.visible_boxes import BOX_CORNERS, MAX_BOXES, visible_pixels
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from oaisys_core.geometry import transform
-from oaisys_core.procedural.scatter.placement import bedding, leaning
+from oaisys_core.procedural.scatter.placement.random_poses import bedding, leaning
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.procedural.terrain.surroundings.border import MESH_INSET, distance_from_m
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.procedural.terrain.surroundings.land import curvature_drop_m
-from oaisys_core.procedural.terrain.water import (
+from oaisys_core.procedural.terrain.water.ponds import (
     FIRST_WATER_ID,
     MARGIN,
     MAX_PONDS,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.scatter.placement import (
+from oaisys_core.procedural.scatter.placement.random_poses import (
     bedding,
     leaning,
     poses_with_scale,

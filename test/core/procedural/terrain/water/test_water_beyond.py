@@ -10,8 +10,8 @@ import pytest
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pixel_rays, pose_looking_at
-from oaisys_core.procedural.terrain.water import FIRST_WATER_ID, MAX_PONDS
-from oaisys_core.procedural.terrain.water_beyond import MAX_BEYOND
+from oaisys_core.procedural.terrain.water.beyond_stage import MAX_BEYOND
+from oaisys_core.procedural.terrain.water.ponds import FIRST_WATER_ID, MAX_PONDS
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 from oaisys_core.verification.audit import audit_sample

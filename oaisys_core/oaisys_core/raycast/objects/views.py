@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import NotFoundError
 from oaisys_core.geometry.pixel_boxes import pixel_boxes
-from oaisys_core.raycast.prototype_meshes import PrototypeMesh
-from oaisys_core.raycast.silhouettes import Silhouettes, box_corners
-from oaisys_core.raycast.single_objects import (
+from oaisys_core.raycast.objects.silhouettes import Silhouettes, box_corners
+from oaisys_core.raycast.objects.single_objects import (
     Body,
     SingleObject,
     body_of,
     single_instance,
     single_solid,
 )
+from oaisys_core.raycast.prototype_meshes import PrototypeMesh
 from oaisys_core.scene import Placement, Scene
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 

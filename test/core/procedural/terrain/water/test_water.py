@@ -10,7 +10,7 @@ import pytest
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import pose_looking_at
-from oaisys_core.procedural.terrain.water import FIRST_WATER_ID, WaterLook, water_on
+from oaisys_core.procedural.terrain.water.ponds import FIRST_WATER_ID, WaterLook, water_on
 from oaisys_core.scene import HeightField
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata

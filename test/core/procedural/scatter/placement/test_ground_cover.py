@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core.color import linear
-from oaisys_core.procedural.scatter.ground_cover import (
+from oaisys_core.procedural.scatter.placement.ground_cover import (
     MAX_TUFTS,
     TONES,
     tones_at,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.procedural.scatter.beyond_stage import (
+from oaisys_core.procedural.scatter.ids import ON_LAND
+from oaisys_core.procedural.scatter.placement.beyond_stage import (
     REACH,
     PlacesBeyond,
     goes_beyond,
     plant_places_beyond,
 )
-from oaisys_core.procedural.scatter.ids import ON_LAND
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.scene import HeightField

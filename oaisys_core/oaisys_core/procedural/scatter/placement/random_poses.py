@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.scatter.resting import resting_depth_m, sunk_shares
-from oaisys_core.procedural.scatter.spacing import Spacing, first_come, pairs_too_near
+from oaisys_core.procedural.scatter.placement.resting import resting_depth_m, sunk_shares
+from oaisys_core.procedural.scatter.placement.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.procedural.terrain.noise import Field, spectral
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray

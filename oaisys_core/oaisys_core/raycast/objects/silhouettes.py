@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays, project
-from oaisys_core.raycast.visible_boxes import BOX_CORNERS
+from oaisys_core.raycast.objects.visible_boxes import BOX_CORNERS
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 CANVAS = 1

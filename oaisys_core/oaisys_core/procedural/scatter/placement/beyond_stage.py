@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.density import LayerDensity, SlopeDensity
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.procedural.scatter.density import make_density
 from oaisys_core.procedural.scatter.ids import ON_LAND
-from oaisys_core.procedural.scatter.placement import slope_deg
+from oaisys_core.procedural.scatter.placement.density import make_density
+from oaisys_core.procedural.scatter.placement.random_poses import slope_deg
 from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.scatter.shapes import PLANTS
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround

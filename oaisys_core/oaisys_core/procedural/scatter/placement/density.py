@@ -22,9 +22,9 @@ from oaisys_core.config.sections.density import (
 from oaisys_core.errors import ConfigError, quote
 from oaisys_core.files.image_formats.image_use import DENSITY
 from oaisys_core.files.image_formats.images import read_pixels
-from oaisys_core.procedural.scatter.placement import slope_deg
-from oaisys_core.procedural.terrain.moisture import moisture
+from oaisys_core.procedural.scatter.placement.random_poses import slope_deg
 from oaisys_core.procedural.terrain.noise import Field, spectral
+from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import Ground
 from oaisys_core.scene.terrain_material import TerrainMaterial
 from oaisys_core.types import FloatArray

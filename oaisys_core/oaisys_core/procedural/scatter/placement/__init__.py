@@ -1,0 +1,1 @@
+"""Where scattered objects stand: densities, poses, distances, how deep they lie."""

@@ -1,0 +1,1 @@
+"""Water on and around a ground, and how wet each place is."""

@@ -1,0 +1,1 @@
+"""What images show of single objects: their outlines, boxes and poses."""
