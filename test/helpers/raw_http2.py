@@ -41,9 +41,9 @@ class RawConnection:
         self._reader.join(_PATIENCE_S)
         self._socket.close()
 
-    def begin_calls(self, path: str, count: int) -> int:
+    def begin_calls(self, path: str, count: int, *metadata: tuple[str, bytes]) -> int:
         """Begin calls whose requests never come; return how many until the server hung up."""
-        block = call_headers(path)
+        block = call_headers(path) + b"".join(header(name, value) for name, value in metadata)
         for begun in range(0, count, _BATCH):
             streams = [self._new_stream() for _ in range(min(_BATCH, count - begun))]
             frames = (_frame(_HEADERS, _END_HEADERS, stream, block) for stream in streams)
@@ -85,12 +85,12 @@ def call_headers(path: str) -> bytes:
         "content-type": "application/grpc",
         "te": "trailers",
     }
-    return b"".join(header(name, value) for name, value in fields.items())
+    return b"".join(header(name, value.encode()) for name, value in fields.items())
 
 
-def header(name: str, value: str) -> bytes:
+def header(name: str, value: bytes) -> bytes:
     """Return a header as bytes; neither its name nor its value has more than 126 characters."""
-    return b"\0" + b"".join(bytes([len(text)]) + text.encode() for text in (name, value))
+    return b"\0" + b"".join(bytes([len(text)]) + text for text in (name.encode(), value))
 
 
 def _frame(kind: int, flags: int, stream: int, content: bytes = b"") -> bytes:

@@ -56,6 +56,12 @@ MIN_SIZE_M = 1e-4
 Size = Annotated[float, Field(ge=MIN_SIZE_M, le=MAX_M)]
 """A size in metres."""
 
+LEAST_TILE_M = 0.01
+"""Smallest edge of a texture's tile: coordinates in tiles far away must be more than noise."""
+
+TileEdge = Annotated[float, Field(ge=LEAST_TILE_M, le=MAX_M)]
+"""Edge of a texture's tile in metres."""
+
 Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 """A factor on a size."""
 
@@ -113,6 +119,10 @@ class Within:
         if value[0] < self.least or value[1] > self.most:
             raise ValueError(f"expected numbers from {self.least:g} to {self.most:g}")
         return value
+
+
+TileRange = Annotated[Range, Within(LEAST_TILE_M, MAX_M)]
+"""Range of edges of a texture's tile in metres."""
 
 
 class ByKind:

@@ -36,6 +36,7 @@ from oaisys_grpc.server.end_request import EndRequest, exit_at_last
 from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.limits.call_threads import CROWD, CallThreads
 from oaisys_grpc.server.limits.connections import connection_options
+from oaisys_grpc.server.limits.grpc_log import GrpcLogLimit
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
 from oaisys_grpc.server.limits.open_calls import OpenCalls
 from oaisys_grpc.server.limits.slots import THREADS
@@ -115,6 +116,7 @@ class SimulatorServer:
             on_end,
             _legacy_pose_policy(config, options),
         )
+        self._grpc_log = GrpcLogLimit()
         self._started: Future[None] = Future()
         self._runner = threading.Thread(target=self._run, name="runner")
         # Two servers must not share a port by accident.
@@ -142,6 +144,7 @@ class SimulatorServer:
         remove_abandoned(FOLDER_PREFIX)
         if self._options.worker_log_folder is not None:
             self._supervisor.log.open(self._options.worker_log_folder, self.address)
+        self._grpc_log.begin()
         self._server.start()
         self._runner.start()
         return self._started
@@ -163,6 +166,7 @@ class SimulatorServer:
         if not stopped.wait(_STOP_S + _CALLS_END_S):
             _LOG.warning("calls of clients did not end; they are left")
         self._calls.close()
+        self._grpc_log.end()
         self._threads.shutdown()
         has_lost_parent = os.getppid() != self._parent
         self.remove_socket(_OWNER_END_S if has_lost_parent else 0.0)

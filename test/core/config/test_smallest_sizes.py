@@ -10,6 +10,9 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError
 
 
+LAYER = {"label": "gravel", "semantic_id": 1}
+
+
 @pytest.mark.parametrize("size_m", [5e-324, 1e-308, 0.9e-4])
 @pytest.mark.parametrize(
     ("section", "field"),
@@ -30,3 +33,20 @@ def test_sizes_whose_inverse_overflows_are_refused(section: Any, field: str, siz
     with pytest.raises(ConfigError, match=f"{field}: "):
         config_from_mapping(section(size_m))
     config_from_mapping(section(1e-4))
+
+
+@pytest.mark.parametrize(
+    ("section", "field"),
+    [
+        (
+            lambda tile: {"materials": {"layers": [LAYER | {"tile_m": tile}]}},
+            r"materials\.layers\.0\.tile_m",
+        ),
+        (lambda tile: {"assets": {"rock_tile_m": tile}}, r"assets\.rock_tile_m"),
+    ],
+)
+def test_tiles_far_below_a_millimetre_are_refused(section: Any, field: str) -> None:
+    """The land at the horizon was black, where it is a billion such tiles away."""
+    with pytest.raises(ConfigError, match=rf"{field}: received 1e-06, expected .*0\.01"):
+        config_from_mapping(section(1e-6))
+    config_from_mapping(section(0.01))

@@ -18,6 +18,7 @@ from oaisys_core.config.section import (
     Quaternion,
     Section,
     SemanticId,
+    TileEdge,
     Vector3,
 )
 from oaisys_core.config.sections.groups import Count, GroupConfig
@@ -152,7 +153,7 @@ class AssetsConfig(Section):
     objects: tuple[ObjectConfig, ...] = Field(default=(), max_length=MAX_OBJECTS)
     movers: tuple[MoverConfig, ...] = Field(default=(), max_length=MAX_OBJECTS)
     rock_texture: str = "rock"
-    rock_tile_m: Positive = 1.6
+    rock_tile_m: TileEdge = 1.6
 
     @model_validator(mode="after")
     def _names_differ(self) -> AssetsConfig:

@@ -17,6 +17,7 @@ from oaisys_core.config.section import (
     PositiveRange,
     Range,
     Section,
+    TileRange,
     Weight,
 )
 from oaisys_core.config.sections.layer_conditions import ConditionConfig, Share
@@ -127,7 +128,7 @@ class LookConfig(Section):
 
     texture: str = "gravel"
     folder: ConfigFolder | None = None
-    tile_m: PositiveRange | None = None
+    tile_m: TileRange | None = None
     color: ColorConfig = ColorConfig()
     displacement_m: Range | None = None
     normal_strength: float = Field(default=1.0, ge=0, le=10)

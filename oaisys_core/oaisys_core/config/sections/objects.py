@@ -15,10 +15,10 @@ from oaisys_core.config.section import (
     Metres,
     PlaceInDegrees,
     Position,
-    Positive,
     Quaternion,
     Scale,
     Section,
+    TileEdge,
 )
 from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
@@ -47,7 +47,7 @@ class ShapedConfig(Labelled):
     object_name: str | None = None
     up_axis: Literal["y", "z"] | None = None
     texture: str | None = None
-    tile_m: Positive | None = None
+    tile_m: TileEdge | None = None
     color_srgb: tuple[Fraction, Fraction, Fraction] | None = None
 
     @model_validator(mode="after")
