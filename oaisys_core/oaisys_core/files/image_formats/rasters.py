@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import LONGEST_QUOTE, InvalidInputError, one_line
 from oaisys_core.files.image_formats.image_use import BYTES_PER_PIXEL, ImageUse
 from oaisys_core.files.image_formats.images import check_pictures, read_file
+from oaisys_core.private.gdal_messages import GdalMessages, gdal_messages
 
 MAX_BANDS = 64
 """Bands of a raster."""
@@ -56,7 +57,12 @@ _ALONE = {
     "GTIFF_REPORT_COMPD_CS": "YES",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none",
     "PROJ_NETWORK": "OFF",
+    # What fails in a thread of GDAL's own is printed, and no error of the call.
+    "GDAL_NUM_THREADS": "1",
 }
+
+_WARNING_IS_DAMAGE = ("JP2OpenJPEG",)
+"""Drivers that decode what they can of damaged pixels, and only warn of the others."""
 
 _opening = threading.Lock()
 
@@ -103,10 +109,10 @@ def open_raster(
     """Open a raster by itself, see `open_geotiff`, in the format of one of some drivers.
 
     Raises:
-        InvalidInputError: It is too large, refers to other files, or cannot be read.
+        InvalidInputError: It is too large, refers to other files, cannot be read, or GDAL says of
+            pixels that were read that they are damaged.
     """
     from rasterio import Env
-    from rasterio.errors import CRSError, RasterioError
     from rasterio.io import MemoryFile
 
     data = read_file(source, use) if isinstance(source, Path) else source
@@ -116,17 +122,15 @@ def open_raster(
     _check_alone(data, use, shown)
     if use.is_of_numbers:  # of pictures, whoever decodes them tells
         check_pictures(data, use, shown)
-    try:
-        with (
-            Env(**_ALONE),
-            MemoryFile(data, filename=_name_in_memory(shown)) as memory,
-            memory.open(driver=list(drivers)) as file,
-        ):
-            _check_size(file, use, shown)
+    with (
+        _refuse_errors(use, shown, is_any_format=drivers is ELEVATION_DRIVERS),
+        Env(**_ALONE),
+        MemoryFile(data, filename=_name_in_memory(shown)) as memory,
+        memory.open(driver=list(drivers)) as file,
+    ):
+        _check_size(file, use, shown)
+        with _refuse_damage(file, use, shown):
             yield file
-    except (RasterioError, CRSError, OSError) as error:
-        is_unknown = _NOT_RECOGNIZED in str(error) and drivers is ELEVATION_DRIVERS
-        raise use.refusal(shown, _UNKNOWN_FORMAT if is_unknown else error) from error
 
 
 @contextmanager
@@ -141,19 +145,52 @@ def open_large_geotiff(path: Path, use: ImageUse) -> Iterator[Any]:
         InvalidInputError: It is no GeoTIFF that can be read.
     """
     import rasterio
-    from rasterio.errors import CRSError, RasterioError
 
     if not path.is_file():
         raise use.refusal(str(path), FileNotFoundError("no regular file"))
-    try:
-        with (
-            rasterio.Env(**_ALONE, GDAL_CACHEMAX=CACHE_BYTES),
-            rasterio.open(path.resolve(), driver="GTiff") as file,
-        ):
-            _check_blocks(file, use, str(path))
+    with (
+        _refuse_errors(use, str(path)),
+        rasterio.Env(**_ALONE, GDAL_CACHEMAX=CACHE_BYTES),
+        rasterio.open(path.resolve(), driver="GTiff") as file,
+    ):
+        _check_blocks(file, use, str(path))
+        with _refuse_damage(file, use, str(path)):
             yield file
-    except (RasterioError, CRSError, OSError) as error:
-        raise use.refusal(str(path), error) from error
+
+
+@contextmanager
+def _refuse_errors(use: ImageUse, name: str, *, is_any_format: bool = False) -> Iterator[None]:
+    """Let a file be refused where rasterio cannot open or read it."""
+    from rasterio.errors import CRSError, RasterioError
+
+    try:
+        yield
+    # A text of GDAL's may have bytes of the file.
+    except (RasterioError, CRSError, OSError, UnicodeDecodeError) as error:
+        is_unknown = is_any_format and _NOT_RECOGNIZED in str(error)
+        raise use.refusal(name, _UNKNOWN_FORMAT if is_unknown else error) from error
+
+
+@contextmanager
+def _refuse_damage(file: Any, use: ImageUse, name: str) -> Iterator[None]:
+    """Refuse a file if GDAL says of its pixels that they are damaged, whatever it delivers."""
+    from rasterio.errors import RasterioError
+
+    with gdal_messages() as messages:
+        try:
+            yield
+        except RasterioError as error:
+            raise use.refusal(name, _damage(messages, file.driver) or error) from error
+    if damage := _damage(messages, file.driver):
+        raise use.refusal(name, damage)
+
+
+def _damage(messages: GdalMessages, driver: str) -> str:
+    """Return the first of GDAL's messages that says that pixels are damaged; empty: none does."""
+    told = messages.errors
+    if driver in _WARNING_IS_DAMAGE:
+        told = told + messages.warnings
+    return one_line(told[0])[:LONGEST_QUOTE] if told else ""
 
 
 def _name_in_memory(name: str) -> str:
