@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 from mcap.records import Schema
-from mcap_ros2.decoder import DecoderFactory
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
+from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.bags.mcap_format.message_decoding import DECODE_ERRORS, decoder_of
 from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class, message_definition
-from oaisys_ros_bridge.bags.recorded.recorded_poses import DECODE_ERRORS
 
 
 def decode_earlier(data: bytes, schema: Schema, kind: type[Any]) -> Any:
     """Return a message by a bag's description of its type, with the fields that ``kind`` has now.
 
     Fields that the description lacks keep their defaults. None: the type was described as it is
-    now, so that the bytes are damaged, or they are not as described.
+    now, so that the bytes are damaged, or they are not as described, or that cannot be read.
 
     Args:
         data: In CDR, with its header.
@@ -26,9 +26,9 @@ def decode_earlier(data: bytes, schema: Schema, kind: type[Any]) -> Any:
     if schema.data.decode("utf-8", "replace") == message_definition(schema.name):
         return None
     try:
-        decode = DecoderFactory().decoder_for("cdr", schema)
+        decode = decoder_of("cdr", schema, schema.name)
         return None if decode is None else _convert(decode(data), kind)
-    except (AssertionError, *DECODE_ERRORS):
+    except (AssertionError, InvalidInputError, *DECODE_ERRORS):
         return None
 
 

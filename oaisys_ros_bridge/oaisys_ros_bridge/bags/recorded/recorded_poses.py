@@ -6,20 +6,18 @@ Messages are decoded by the types that the bag describes, without ROS: Blender's
 from __future__ import annotations
 
 import logging
-import struct
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap_ros2.decoder import DecoderFactory
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses.records import FIELD, MAX_POSES, PoseSelection, PoseTable
 from oaisys_core.geometry import check_pose
 from oaisys_ros_bridge.bags.mcap_format.finished_bag import open_finished
+from oaisys_ros_bridge.bags.mcap_format.message_decoding import DECODE_ERRORS, decoder_of
 from oaisys_ros_bridge.bags.reading import files_of_bag
 from oaisys_ros_bridge.bags.recorded.recorded_transforms import (
     StampedPose,
@@ -32,12 +30,6 @@ TF_TYPE = "tf2_msgs/msg/TFMessage"
 STATIC_SUFFIX = "tf_static"
 BASE_FRAME = "base_link"
 NANOSECONDS = 10**9
-
-DECODE_ERRORS = (
-    *(McapError, struct.error, ValueError, AttributeError, TypeError, KeyError, IndexError),
-    *(NotImplementedError, RecursionError, OverflowError, MemoryError),
-)
-"""What the decoder raises for a damaged message, or for a type that is described otherwise."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -121,17 +113,17 @@ def _messages(
     """Yield the decoded messages of some topics in the order in which they were received.
 
     Raises:
-        InvalidInputError: One cannot be decoded; names its number.
+        InvalidInputError: One cannot be decoded; names its number, or its type.
     """
     counts = dict.fromkeys(topics, 0)
     for file in files:
-        decoders = DecoderFactory()
         with open_finished(file) as (bag, _):
             for schema, channel, message in bag.iter_messages(topics):
                 counts[channel.topic] += 1
                 place = f"{path}: {channel.topic}, message {counts[channel.topic]}"
+                described = f"{path}: the type of {channel.topic}"
+                decode = decoder_of(channel.message_encoding, schema, described)
                 try:
-                    decode = decoders.decoder_for(channel.message_encoding, schema)
                     content = None if decode is None else decode(message.data)
                 except DECODE_ERRORS as error:
                     expected = f"a message as the bag describes it ({error})"
