@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections import Counter, deque
 
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.bags.mcap_format.message_definition import message_class
 from oaisys_ros_bridge.bags.reading import topic_qos
 from oaisys_ros_bridge.bags.writing import RecordedTopic
@@ -37,10 +41,12 @@ class PlayedTopic:
         sent: Messages published.
 
     Raises:
+        InvalidInputError: ROS cannot use the topic's name.
         NotFoundError: The message's type is not installed.
     """
 
     def __init__(self, node: Node, topic: RecordedTopic, acknowledged_within_s: float) -> None:
+        _check_name(topic.name, node)
         kind = message_class(topic.type_name)
         offered = topic_qos(topic.qos_profiles)
         self._node = node
@@ -161,6 +167,16 @@ class PlayedTopic:
             reliable = self._most_readers - self._most_best_effort
             return f"acknowledged by {reliable}, best effort to {self._most_best_effort}"
         return "acknowledged"
+
+
+def _check_name(name: str, node: Node) -> None:
+    """Raise `InvalidInputError` where ROS cannot use the name of a topic of a bag."""
+    try:
+        full = expand_topic_name(name, node.get_name(), node.get_namespace())
+        validate_full_topic_name(full)
+    except (NameValidationException, ValueError) as error:
+        expected = "the name of a topic that ROS can use, of letters, digits, '_' and '/'"
+        raise InvalidInputError("bag", name, expected) from error
 
 
 def _count(number: int, noun: str) -> str:

@@ -13,7 +13,7 @@ from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.files.documents import read_text
 from oaisys_core.files.yaml_documents import parse_yaml
 from oaisys_ros_bridge.bags.mcap_format.finished_bag import describe_topic, open_finished
-from oaisys_ros_bridge.bags.mcap_format.mcap_records import RecordFile
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import RecordFile, list_names, printable
 from oaisys_ros_bridge.bags.mcap_format.salvage import salvage
 from oaisys_ros_bridge.bags.writing import METADATA_FILE, RecordedTopic
 
@@ -94,7 +94,7 @@ class BagReader:
         missing = sorted(set(topics) - self.topics.keys())
         if missing:
             raise NotFoundError(
-                f"the bag has no topic {missing[0]}, but {', '.join(sorted(self.topics))}"
+                f"the bag has no topic {printable(missing[0])}, but {list_names(self.topics)}"
             )
 
 

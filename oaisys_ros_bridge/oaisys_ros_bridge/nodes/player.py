@@ -12,7 +12,13 @@ from rclpy.node import Node
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
-from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
+from oaisys_core.errors import (
+    DeadlineExceededError,
+    InvalidInputError,
+    NotFoundError,
+    OaisysError,
+    quote,
+)
 from oaisys_core.files.folders import user_path
 from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
@@ -26,6 +32,8 @@ READER_POLL_PERIOD_S = 0.05
 """How often the number of readers is looked up while they are waited for."""
 ACKNOWLEDGEMENT_TIMEOUT_S = 10.0
 """How long readers may take to acknowledge messages."""
+MAX_TOPICS = 1000
+"""Topics that are played; the time to make and to end their publishers grows with the square."""
 
 
 class PlayerNode(ParameterNode, Node):
@@ -47,8 +55,10 @@ class PlayerNode(ParameterNode, Node):
             defaults: Of the parameters, instead of the table's.
 
         Raises:
-            InvalidInputError: There is no such bag, or a parameter is wrong.
-            NotFoundError: A requested topic is not in it, or its type is not installed.
+            InvalidInputError: There is no such bag, it has too many topics, or a parameter is
+                wrong.
+            NotFoundError: A requested topic is not in it, or its type is not installed, or no topic
+                can be played.
         """
         super().__init__("oaisys_player")
         values = self.declare_table(PLAYER, **defaults)
@@ -64,9 +74,11 @@ class PlayerNode(ParameterNode, Node):
         wanted = {name for name in values["topics"] if name}
         awaited = {name for name in values["wait_for_topics"] if name}
         self._bag.require(wanted | awaited)
-        self._topics = self._make_topics(
-            (wanted or self._bag.topics.keys()) | awaited, wanted | awaited
-        )
+        played = (wanted or self._bag.topics.keys()) | awaited
+        if len(played) > MAX_TOPICS:
+            expected = f"at most {MAX_TOPICS} of them, chosen by --topics"
+            raise InvalidInputError("topics", f"{len(played)} topics of {self._path}", expected)
+        self._topics = self._make_topics(played, wanted | awaited)
         required_names = awaited or wanted
         self._awaits_readers = bool(awaited or values["wait_for_readers"])
         self._required = [topic for name, topic in self._topics.items() if name in required_names]
@@ -90,21 +102,30 @@ class PlayerNode(ParameterNode, Node):
     def _make_topics(
         self, names: Iterable[str], required: Collection[str]
     ) -> dict[str, PlayedTopic]:
-        """Return the publishers of topics, by their names in the bag.
+        """Return the publishers of topics, by their names in the bag; fewer once it shall end.
 
         Raises:
-            NotFoundError: The type of a required one is not installed.
+            InvalidInputError: The name of a required one cannot be used.
+            NotFoundError: The type of a required one is not installed, or no topic can be played.
         """
-        played = {}
+        played: dict[str, PlayedTopic] = {}
+        skipped: list[str] = []
         for name in sorted(names):
             if name == CLOCK and self._publishes_clock:
                 continue  # its time would contradict the published one
+            if self._stop.is_set():
+                self._closing.set()
+                return played
             try:
                 played[name] = PlayedTopic(self, self._bag.topics[name], ACKNOWLEDGEMENT_TIMEOUT_S)
-            except NotFoundError as error:
+            except (InvalidInputError, NotFoundError) as error:
                 if name in required:
                     raise
-                self.get_logger().warning(f"{name} is not played: {error}")
+                skipped.append(f"{quote(name)} is not played: {error}")
+        if skipped and not played:
+            raise NotFoundError(f"{self._path} has no topic that can be played: {skipped[0]}")
+        for sentence in skipped:
+            self.get_logger().warning(sentence)
         return played
 
     def _run(self) -> None:
@@ -162,6 +183,8 @@ class PlayerNode(ParameterNode, Node):
             self._require_readers()
         self._closing.wait(self.parameters["delay_s"])
         for topic in self._topics.values():
+            if self._closing.is_set():
+                return
             if not topic.readers:
                 self.get_logger().warning(f"nobody reads {topic.name}")
 

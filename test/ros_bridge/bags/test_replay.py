@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.writer import Writer
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -18,11 +20,13 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from served_simulator import ROCKY_WORLD
 from std_msgs.msg import String
+from waiting import LOAD_FACTOR
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SaveMesh
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.nodes.player import MAX_TOPICS
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 METRICS = "oaisys_mapper/metrics"
@@ -282,6 +286,89 @@ def test_what_cannot_be_played_is_refused(
     assert result.returncode == 2, result.stderr
     assert fault in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def bag_of_topics(folder: Path, names: Iterable[str], kind: str = "std_msgs/msg/String") -> Path:
+    """Write a bag with a message of each topic, a millisecond apart, with mcap's own writer."""
+    data = serialize_message(String(data="text"))
+    file = folder / "topics.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(kind, "ros2msg", b"string data")
+        for number, name in enumerate(names):
+            channel = writer.register_channel(name, "cdr", schema)
+            writer.add_message(channel, number * 10**6, data, 0)
+        writer.finish()
+    return file
+
+
+@pytest.mark.ros
+def test_a_bag_of_very_many_topics_is_refused_unless_some_are_chosen(
+    tmp_path: Path, ros_domain_id: int
+) -> None:
+    file = bag_of_topics(tmp_path, (f"/topic_{i}" for i in range(MAX_TOPICS + 1)))
+    start_s = time.monotonic()
+    _, logged = replay(file, status=2)
+    assert time.monotonic() - start_s < 10 * LOAD_FACTOR
+    assert f"topics: received '{MAX_TOPICS + 1} topics of " in logged
+    assert f"at most {MAX_TOPICS} of them, chosen by --topics" in logged
+    _, logged = replay(file, "--topics", "/topic_7", "--delay", "0.1", status=1)
+    assert "nobody reads /topic_7" in logged
+    _, logged = replay(file, "--topics", "/other", status=2)
+    assert len(logged) < 1000
+    assert "the bag has no topic /other, but /topic_0, /topic_1, " in logged
+
+
+@pytest.mark.ros
+def test_a_replay_of_many_topics_ends_within_seconds_of_a_signal(
+    tmp_path: Path, ros_domain_id: int
+) -> None:
+    file = bag_of_topics(tmp_path, (f"/topic_{i}" for i in range(MAX_TOPICS)))
+    command = ["oaisys", "bag", "replay", str(file), "--wait-timeout", "600"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as player:
+        assert player.stderr is not None
+        assert any("waiting for readers of" in line for line in player.stderr)
+        start_s = time.monotonic()
+        player.terminate()
+        rest = player.stderr.read()
+        assert player.wait() == 0
+    assert time.monotonic() - start_s < 5 * LOAD_FACTOR
+    assert "Traceback" not in rest
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("name", "kind", "reason"),
+    [
+        ("", "std_msgs/msg/String", "received '', expected the name of a topic that ROS can use"),
+        ("/a//b", "std_msgs/msg/String", "received '/a//b', expected the name of a topic"),
+        ("/{x}\x1b[31m", "std_msgs/msg/String", r"received '/{x}\x1b[31m', expected"),
+        ("/" + "a" * 100_000, "std_msgs/msg/String", "aaa', expected the name of a topic"),
+        ("/text", "../etc/msg/Passwd", "'../etc/msg/Passwd' is no name of a message type"),
+        ("/text", "a" * 100_000 + "/msg/B", "the type 'aaa"),
+    ],
+    ids=["empty", "slashes", "characters", "long_name", "type", "long_type"],
+)
+def test_a_bag_without_a_topic_that_can_be_played_is_refused_in_a_sentence(
+    name: str, kind: str, reason: str, tmp_path: Path, ros_domain_id: int
+) -> None:
+    file = bag_of_topics(tmp_path, [name], kind)
+    _, logged = replay(file, status=2)
+    assert f"{file} has no topic that can be played" in logged
+    assert reason in logged
+    assert "arguments" not in logged
+    assert len(logged) < 1000
+
+
+@pytest.mark.ros
+def test_topics_that_cannot_be_played_are_named_and_others_played(
+    tmp_path: Path, ros_domain_id: int
+) -> None:
+    file = bag_of_topics(tmp_path, ["/a b", "/plain"])
+    told, logged = replay(file, "--delay", "0.1", status=1)
+    assert "'/a b' is not played: bag: received '/a b'" in logged
+    assert "/plain: 1 message, no reader" in told
 
 
 FILL = """

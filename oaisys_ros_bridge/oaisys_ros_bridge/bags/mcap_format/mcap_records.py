@@ -6,7 +6,7 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from typing import IO, Any, TypeVar
@@ -19,11 +19,14 @@ from mcap.opcode import Opcode
 from mcap.records import Message
 from mcap.writer import MCAP0_MAGIC
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import LONGEST_FIELD, OaisysError, quote
 
 MAGIC = MCAP0_MAGIC
 LARGEST_CHUNK_BYTES = 2**30
 """Of a chunk, unpacked: larger ones are refused before they are."""
+
+MOST_LISTED = 20
+"""Names that an error lists."""
 
 FOOTER_BYTES = 9 + 20
 _HEADER = struct.Struct("<BQ")
@@ -160,8 +163,18 @@ class RecordFile:
 
 
 def printable(name: str) -> str:
-    """Return a name from a file as a terminal may show it."""
+    """Return a name from a file as a terminal may show it; of a long one, begin and end."""
+    if len(name) > LONGEST_FIELD:
+        return quote(name)
     return name if name.isprintable() else ascii(name)
+
+
+def list_names(names: Iterable[str]) -> str:
+    """Return names from a file in their order, of many only the first."""
+    ordered = sorted(names)
+    shown = ", ".join(map(printable, ordered[:MOST_LISTED]))
+    more = len(ordered) - MOST_LISTED
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def parse_record(kind: type[RecordType], content: bytes) -> RecordType:

@@ -89,10 +89,10 @@ def _share_file(type_name: str, suffix: str) -> Path:
     try:
         share = Path(get_package_share_directory(package))
     except (PackageNotFoundError, ValueError):
-        raise NotFoundError(f"the package of the type {type_name} is not installed") from None
+        raise NotFoundError(f"the package of {quote(type_name)} is not installed") from None
     file = share / "msg" / f"{name}.{suffix}"
     if not file.is_file():
-        raise NotFoundError(f"{package} has no definition of the message {type_name}")
+        raise NotFoundError(f"{quote(package)} has no definition of the message {quote(type_name)}")
     return file
 
 
@@ -106,4 +106,4 @@ def message_class(type_name: str) -> type[Any]:
     try:
         return vars(importlib.import_module(f"{package}.msg"))[name]  # type: ignore[no-any-return]
     except (ImportError, KeyError):
-        raise NotFoundError(f"the type {type_name} is not installed") from None
+        raise NotFoundError(f"the type {quote(type_name)} is not installed") from None

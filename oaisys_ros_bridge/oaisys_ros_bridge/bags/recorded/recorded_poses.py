@@ -17,6 +17,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses.records import FIELD, MAX_POSES, PoseSelection, PoseTable
 from oaisys_core.geometry import check_pose
 from oaisys_ros_bridge.bags.mcap_format.finished_bag import open_finished
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import list_names, printable
 from oaisys_ros_bridge.bags.mcap_format.message_decoding import DECODE_ERRORS, decoder_of
 from oaisys_ros_bridge.bags.reading import files_of_bag
 from oaisys_ros_bridge.bags.recorded.recorded_transforms import (
@@ -90,7 +91,7 @@ def _choose_topic(path: Path, types: dict[str, str], selection: PoseSelection) -
     offered = {name: kind for name, kind in usable.items() if not name.endswith(STATIC_SUFFIX)}
     if selection.frame is not None and selection.topic is None:
         offered = {name: kind for name, kind in offered.items() if kind == TF_TYPE} or offered
-    told = ", ".join(f"{name} ({kind})" for name, kind in sorted(offered.items()))
+    told = list_names(f"{name} ({kind})" for name, kind in offered.items())
     if selection.topic is None:
         if len(offered) == 1:
             return next(iter(offered))
@@ -101,7 +102,7 @@ def _choose_topic(path: Path, types: dict[str, str], selection: PoseSelection) -
         if matching:
             return matching[0]
         if selection.topic in types:
-            told = f"{told or 'none'}, not one of {types[selection.topic]}"
+            told = f"{told or 'none'}, not one of {printable(types[selection.topic])}"
     kinds = ", ".join(sorted({*_READERS, TF_TYPE}))
     expected = f"a topic of {path} with poses: {told}" if told else f"a bag with poses ({kinds})"
     raise InvalidInputError("topic", selection.topic, expected)
