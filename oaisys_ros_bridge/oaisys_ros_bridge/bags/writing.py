@@ -24,6 +24,9 @@ from oaisys_ros_bridge.bags.mcap_format.message_definition import message_defini
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
+ROSBAG2_NAME = "rosbag2"
+"""Name of the metadata record that repeats ``metadata.yaml``."""
+
 SPARE_BYTES = 2 * 2**20
 """Free space that is kept, in addition to the summary's size, to close the bag."""
 
@@ -98,6 +101,7 @@ class BagWriter:
         self._counts: dict[str, int] = {}
         self._first_ns: int | None = None
         self._last_ns = 0
+        self._losses: Mapping[str, str] | None = None
         self._file = McapWriter(folder / f"{folder.resolve().name}_0.mcap", profile="ros2")
 
     def __enter__(self) -> Self:
@@ -159,6 +163,16 @@ class BagWriter:
             self._first_ns = received_ns
         self._last_ns = max(self._last_ns, received_ns)
 
+    def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
+        """Write a metadata record; that of losses goes into ``metadata.yaml``, too.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self._file.add_metadata(name, entries)
+        if name == METADATA_NAME:
+            self._losses = dict(entries)
+
     def _require_room(self, length: int) -> None:
         """Raise `OSError` where the disk has no room for a message and, later, the summary."""
         room = shutil.disk_usage(self._folder).free
@@ -185,14 +199,15 @@ class BagWriter:
             first_ns=self._first_ns or 0,
             last_ns=self._last_ns,
         )
-        custom = None if losses is None else losses.entries
-        information = bag_information(contents, self._distribution, custom)
+        if losses is not None:
+            self._losses = losses.entries
+        information = bag_information(contents, self._distribution, self._losses)
         text = yaml.safe_dump(information, sort_keys=False)
         try:
             self._file.require_whole()
-            if custom is not None:
-                self._file.add_metadata(METADATA_NAME, custom)
-            self._file.add_metadata("rosbag2", {"serialized_metadata": text})
+            if losses is not None:
+                self._file.add_metadata(METADATA_NAME, losses.entries)
+            self._file.add_metadata(ROSBAG2_NAME, {"serialized_metadata": text})
             self._file.finish()
         finally:
             self._file.abandon()

@@ -3,13 +3,17 @@
 from pathlib import Path
 
 import pytest
+import yaml
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.bags.info import summary_of
+from oaisys_ros_bridge.bags.info import losses_of, summary_of
+from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
+from oaisys_ros_bridge.bags.mcap_format.salvage import MAX_METADATA_BYTES
 from oaisys_ros_bridge.bags.reading import recover
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 
@@ -82,3 +86,53 @@ def test_a_file_without_messages_is_refused_and_leaves_nothing(tmp_path, content
         recover(file, tmp_path / "saved")
 
     assert not (tmp_path / "saved").exists()
+
+
+LOSSES = BagLosses(5, 2, {"/chatter": 2}, {"/tf": 3}, {"/chatter": 1})
+
+
+def with_records(folder: Path, *records: tuple[str, dict[str, str]], attach: bool = False) -> Path:
+    """Write a bag with a message and metadata records, without an end."""
+    file = folder / "open.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(TOPIC.type_name, "ros2msg", b"string data")
+        channel = writer.register_channel(TOPIC.name, "cdr", schema)
+        writer.add_message(channel, 1, serialize_message(String(data="text")), 1)
+        for name, entries in records:
+            writer.add_metadata(name, entries)
+        if attach:
+            writer.add_attachment(1, 1, "notes.txt", "text/plain", b"notes")
+        writer.finish()
+    return file
+
+
+def test_what_the_recorder_lost_and_other_metadata_are_kept(tmp_path: Path) -> None:
+    weather = ("weather", {"wind": "2 m/s", "note": "a\nb: c"})
+    old = ("rosbag2", {"serialized_metadata": "of the old file"})
+    file = with_records(tmp_path, weather, (METADATA_NAME, LOSSES.entries), old, attach=True)
+    told: list[str] = []
+    assert recover(file, tmp_path / "saved", told.append) == 1
+    assert told == ["attachments are left out: 1"]
+    assert losses_of(tmp_path / "saved") == LOSSES
+    assert summary_of(tmp_path / "saved")[-len(LOSSES.sentences) :] == [
+        f"  {sentence}" for sentence in LOSSES.sentences
+    ]
+    with next((tmp_path / "saved").glob("*.mcap")).open("rb") as stream:
+        found = {each.name: each.metadata for each in make_reader(stream).iter_metadata()}
+    assert found.keys() == {"weather", METADATA_NAME, "rosbag2"}
+    assert found["weather"] == weather[1]
+    assert "of the old file" not in found["rosbag2"]["serialized_metadata"]
+    listed = yaml.safe_load((tmp_path / "saved" / "metadata.yaml").read_text())
+    assert listed["rosbag2_bagfile_information"]["custom_data"] == LOSSES.entries
+
+
+def test_metadata_that_cannot_be_kept_is_told(tmp_path: Path) -> None:
+    large = {"text": "x" * MAX_METADATA_BYTES}
+    file = with_records(tmp_path, (METADATA_NAME, {"oaisys.samples": "-1"}), ("large", large))
+    told: list[str] = []
+    assert recover(file, tmp_path / "saved", told.append) == 1
+    assert "its record of what was lost cannot be read: oaisys.samples: received '-1'" in told[0]
+    assert told[1:] == ["metadata records beyond 16 MB are left out: 1"]
+    assert losses_of(tmp_path / "saved") is None

@@ -8,10 +8,11 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Schema, Statistics
+from mcap.records import Channel, Message, Metadata, Schema, Statistics
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.bags.mcap_format.finished_bag import describe_topic, read_summary
 from oaisys_ros_bridge.bags.mcap_format.mcap_records import (
     MAGIC,
@@ -24,13 +25,16 @@ from oaisys_ros_bridge.bags.mcap_format.mcap_records import (
     printable,
 )
 from oaisys_ros_bridge.bags.mcap_format.message_definition import message_definition, type_hash
-from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic
+from oaisys_ros_bridge.bags.writing import ROSBAG2_NAME, BagWriter, RecordedTopic
+
+MAX_METADATA_BYTES = 2**24
+"""Of all metadata records that are copied."""
 
 NOT_DESCRIBED = "topics that nothing describes"
 
 
 class _SalvagedRecords:
-    """The messages of a file that can be read, and counts of what cannot."""
+    """The messages and metadata of a file that can be read, and counts of what cannot."""
 
     def __init__(self, file: RecordFile) -> None:
         self._file = file
@@ -47,6 +51,9 @@ class _SalvagedRecords:
         self.gaps: list[tuple[int, int]] = []
         self.lost_by_topic: Counter[str] = Counter()
         self.reasons: list[str] = []
+        self.metadata: list[Metadata] = []
+        self._metadata_bytes = 0
+        self._left_out: Counter[str] = Counter()
 
     def messages(self) -> Iterator[tuple[Schema, Channel, Message]]:
         """Yield messages with their channels, in the file's order."""
@@ -70,8 +77,28 @@ class _SalvagedRecords:
             self.lose(int.from_bytes(content[:2], "little"), (len(content) - 6) // 16)
         elif place.opcode == Opcode.STATISTICS:
             self._statistics = self._statistics or parse_record(Statistics, content)
+        elif place.opcode == Opcode.METADATA:
+            self._keep_metadata(content)
+        elif place.opcode == Opcode.ATTACHMENT:
+            self._left_out["attachments"] += 1
         else:
             yield from self._message(place.opcode, content)
+
+    def _keep_metadata(self, content: bytes) -> None:
+        self._metadata_bytes += len(content)
+        if self._metadata_bytes > MAX_METADATA_BYTES:
+            self._left_out[f"metadata records beyond {MAX_METADATA_BYTES >> 20} MB"] += 1
+            return
+        found = parse_record(Metadata, content)
+        if found.name == ROSBAG2_NAME:
+            return  # describes the old file
+        if found.name == METADATA_NAME:
+            try:
+                BagLosses.read(found.metadata)
+            except InvalidInputError as error:
+                self.reasons.append(f"its record of what was lost cannot be read: {error}")
+                return
+        self.metadata.append(found)
 
     def _message(self, opcode: int, content: bytes) -> Iterator[tuple[Schema, Channel, Message]]:
         if opcode == Opcode.SCHEMA:
@@ -107,6 +134,8 @@ class _SalvagedRecords:
             first = self.gaps[0][0]
             yield f"{length} bytes from byte {first} on hold no records that can be read"
         yield from self.reasons
+        for what, number in self._left_out.items():
+            yield f"{what} are left out: {number}"
         for topic, number in sorted(self.lost_by_topic.items()):
             yield f"{printable(topic)}: {number} messages lost"
         counted = self._statistics.message_count if self._statistics is not None else 0
@@ -115,7 +144,7 @@ class _SalvagedRecords:
 
 
 def salvage(file: RecordFile, out: Path, say: Callable[[str], None]) -> int:
-    """Copy the messages of a file that can be read to a new bag; return their number.
+    """Copy the messages and metadata of a file that can be read to a new bag; count messages.
 
     Args:
         file: May end anywhere, and be damaged anywhere.
@@ -143,6 +172,9 @@ def salvage(file: RecordFile, out: Path, say: Callable[[str], None]) -> int:
             bag.add_topic(topic)
             bag.write(topic.name, message.data, message.log_time, message.publish_time)
             copied += 1
+        if bag is not None:
+            for record in records.metadata:
+                bag.add_metadata(record.name, record.metadata)
     for sentence in records.sentences():
         say(sentence)
     return copied
