@@ -19,6 +19,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json, read_text
+from oaisys_core.files.poses.records import MAX_POSES
 from oaisys_core.geometry import places
 from oaisys_core.types import FloatArray, Georeference, Pose
 
@@ -55,6 +56,11 @@ class Waypoint:
     altitude_m: float
     frame: int
     heading_deg: float | None
+
+    def __post_init__(self) -> None:
+        if self.heading_deg is not None and abs(self.heading_deg) > 360:
+            expected = "a heading from -360 to 360 degrees, or null"
+            raise InvalidInputError(f"{self.where}.params[3]", self.heading_deg, expected)
 
 
 @dataclass(frozen=True)
@@ -148,6 +154,9 @@ def read_plan(path: Path) -> FlightPlan | None:
             waypoints.append(found)
     if not waypoints:
         raise InvalidInputError("poses", str(path), "a plan with waypoints")
+    if len(waypoints) > MAX_POSES:
+        received = f"{len(waypoints)} waypoints in {path}"
+        raise InvalidInputError("poses", received, f"at most {MAX_POSES}")
     if left_out:
         told = ", ".join(f"{command} ({count})" for command, count in sorted(left_out.items()))
         _LOG.warning("%s: commands that go nowhere are left out: MAV_CMD %s", path, told)

@@ -19,7 +19,8 @@ from oaisys_core.cli.main import app
 from oaisys_core.cli.rendering.pose_steps import PoseSteps
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.poses import PoseSelection, read_pose_table
+from oaisys_core.files.poses import PoseSelection, flight_plans, read_pose_table
+from oaisys_core.files.poses.records import MAX_POSES
 from oaisys_core.simulation import Simulation
 
 BARE: dict[str, Any] = {
@@ -96,6 +97,7 @@ def test_the_rig_looks_ahead_or_as_the_plan_says(tmp_path: Path) -> None:
         ([], "middle", "with waypoints"),
         ([item(0, 0, 20, 3)], None, "plannedHomePosition"),
         ([item(0, 0, 20, 7)], "middle", r"items\[0\]\.frame: received 7"),
+        ([item(0, 0, 20, 3, heading=1e308)], "middle", r"\[0\]\.params\[3\]: received 1e\+308"),
         ([item(900, 0, 20, 10)], "middle", "above the stage's ground"),
         ([{"type": "ComplexItem", "complexItemType": "StructureScan"}], "middle", "StructureScan"),
     ],
@@ -117,6 +119,14 @@ def test_a_stage_of_no_place_takes_no_plan(tmp_path: Path) -> None:
         poses(made, path)
     with pytest.raises(InvalidInputError, match="oaisys render --poses alone"):
         read_pose_table(path)
+
+
+def test_a_plan_has_no_more_waypoints_than_other_files_have_poses(tmp_path: Path) -> None:
+    survey = {"type": "ComplexItem", "TransectStyleComplexItem": {"Items": [item(0, 0, 20, 3)] * 2}}
+    path = write(tmp_path / "a.plan", [item(0, 0, 20, 3)] * (MAX_POSES - 1) + [survey])
+    expected = f"poses: received '{MAX_POSES + 1} waypoints in .*, expected at most {MAX_POSES}"
+    with pytest.raises(InvalidInputError, match=expected):
+        flight_plans.read_plan(path)
 
 
 def test_the_command_renders_a_plan(tmp_path: Path) -> None:
