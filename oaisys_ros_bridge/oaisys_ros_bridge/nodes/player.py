@@ -20,6 +20,7 @@ from oaisys_core.errors import (
     quote,
 )
 from oaisys_core.files.folders import user_path
+from oaisys_ros_bridge.bags.mcap_format.mcap_records import list_names
 from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
 from oaisys_ros_bridge.namespaces import CLOCK
@@ -195,12 +196,12 @@ class PlayerNode(ParameterNode, Node):
         if len(nodes) < least:
             return f"readers: {len(nodes)} of {least} nodes are there"
         if least and (unmatched := [t.name for t in self._topics.values() if not t.is_matched]):
-            return f"the subscriptions of {', '.join(unmatched)} to be matched"
+            return f"the subscriptions of {list_names(unmatched)} to be matched"
         if least and not self._required:
             return ""
         topics = self._required or self._topics.values()
         names = [topic.name for topic in topics if not topic.readers]
-        return f"readers of {', '.join(names)}" if names else ""
+        return f"readers of {list_names(names)}" if names else ""
 
     def _require_readers(self) -> None:
         """Raise `DeadlineExceededError` where the required readers, or all of them, are missing."""

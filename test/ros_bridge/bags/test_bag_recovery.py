@@ -136,3 +136,24 @@ def test_metadata_that_cannot_be_kept_is_told(tmp_path: Path) -> None:
     assert "its record of what was lost cannot be read: oaisys.samples: received '-1'" in told[0]
     assert told[1:] == ["metadata records beyond 16 MB are left out: 1"]
     assert losses_of(tmp_path / "saved") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("/" + "a" * 100_000, "std_msgs/msg/Missing"), ("/text", "std_msgs/msg/A" + "a" * 100_000)],
+    ids=["topic", "type"],
+)
+def test_names_of_any_length_are_told_shortened(name: str, kind: str, tmp_path: Path) -> None:
+    file = tmp_path / "names.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        channel = writer.register_channel(
+            name, "cdr", writer.register_schema(kind, "ros2msg", b"string data")
+        )
+        writer.add_message(channel, 1, serialize_message(String(data="text")), 1)
+        writer.finish()
+    with pytest.raises(InvalidInputError, match=r"no definition of|no name of") as raised:
+        recover(file, tmp_path / "saved")
+    assert "aaa..." in str(raised.value) or "...aaa" in str(raised.value)
+    assert len(str(raised.value)) < 600

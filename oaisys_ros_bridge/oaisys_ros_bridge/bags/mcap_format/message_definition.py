@@ -18,7 +18,8 @@ BUILT_IN = re.compile(r"bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)")
 FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*")
 """Matches the type of a field, and of a constant, which is always of a built-in type."""
 
-TYPE_NAME = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*")
+TYPE_NAME = re.compile(r"[A-Za-z]\w{0,100}/msg/[A-Za-z]\w{0,100}")
+"""Longer ones are no names of files."""
 
 
 @cache
