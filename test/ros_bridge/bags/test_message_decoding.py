@@ -51,10 +51,11 @@ def bag(path: Path, definition: str) -> Path:
         (f"float64 {'x' * 100_000}", "a field of a message"),
         ("float64 x y\x1b[31m\nfloat64 X", "a field of a message"),
         ("int32[999999999999999999] x", "a field of a message"),
+        ("uint8[0] x", "a field of a message"),
         ("bad__package/Type x", "a type that can be decoded"),
         (f"float64 x\n{SEPARATOR}\nMSG: some_msgs/a_b_\nfloat64 y", "a type that can be decoded"),
     ],
-    ids=["bytes", "fields", "comments", "name", "characters", "size", "package", "type"],
+    ids=["bytes", "fields", "comments", "name", "characters", "size", "none", "package", "type"],
 )
 def test_a_definition_that_is_too_large_or_wrong_is_refused_at_once(
     definition: str, expected: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -94,6 +95,17 @@ def test_defaults_of_any_value_change_nothing(default: str) -> None:
     assert decode is not None
     found = decode(b"\0\1\0\0" + struct.pack("<Iif", 1, 7, 2.5))
     assert (list(found.x), found.y) == ([7], 2.5)
+
+
+@pytest.mark.parametrize("size", ["", "999999999"], ids=["announced", "fixed"])
+def test_elements_without_a_byte_are_refused_at_once(size: str) -> None:
+    nested = f"some_msgs/E[{size}] x\n{SEPARATOR}\nMSG: some_msgs/E\nuint8[3] y"
+    decode = decoder_of("cdr", schema(nested), "a type")
+    assert decode is not None
+    start_s = time.monotonic()
+    with pytest.raises(ValueError, match="it ends after 9 bytes"):
+        decode(b"\0\1\0\0" + (10**9).to_bytes(4, "little") + b"\1")
+    assert time.monotonic() - start_s < REFUSED_WITHIN_S * LOAD_FACTOR
 
 
 def test_a_message_of_an_earlier_type_is_refused_by_its_topic(tmp_path: Path) -> None:

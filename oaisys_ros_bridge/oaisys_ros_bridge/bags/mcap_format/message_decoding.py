@@ -35,12 +35,24 @@ _MAX_DECODERS = 256
 _SEPARATOR = re.compile(r"={3,}")
 _TYPE_LINE = re.compile(r"MSG:\s+([A-Za-z][\w/]{0,200})", re.ASCII)
 _FIELD = re.compile(
-    r"([A-Za-z][\w/]{0,200}(?:<=\d{1,9})?(?:\[(?:<=)?\d{0,9}\])?)\s+([a-z]\w{0,200})(?:\s.*)?",
+    r"([A-Za-z][\w/]{0,200}(?:<=\d{1,9})?(?:\[(?:(?:<=)?[1-9]\d{0,8})?\])?)\s+([a-z]\w{0,200})(?:\s.*)?",
     re.ASCII,
 )
 """Type and name, before a default."""
 
 _CONSTANT = re.compile(r"[A-Za-z]\w*(?:<=\d{1,9})?\s+[A-Z]\w*\s*=.*", re.ASCII)
+
+
+class _MessageBytes(bytes):
+    """Bytes of a message, of which the decoder takes no array that is longer than they are.
+
+    Else an element could have no byte, and there may be 2^32 of them.
+    """
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, slice) and key.stop is not None and key.stop > len(self):
+            raise ValueError(f"it ends after {len(self)} bytes, {key.stop} are needed")
+        return super().__getitem__(key)
 
 
 def decoder_of(
@@ -74,7 +86,8 @@ def _decoder(name: str, data: bytes, where: str) -> Callable[[bytes], Any]:
         raise InvalidInputError(where, name, f"a type that can be decoded ({error})") from error
     if found is None:
         raise InvalidInputError(where, name, "a type that can be decoded")
-    return found
+    decode = found
+    return lambda data: decode(_MessageBytes(data))
 
 
 def _needed_lines(definition: str, where: str) -> Iterator[str]:
