@@ -12,7 +12,6 @@ from oaisys_core.config.sections.layers import LookConfig
 from oaisys_core.config.worlds import contradictions, possible_configs
 from oaisys_core.errors import BackendUnavailableError, ConfigError, InvalidInputError
 from oaisys_core.procedural.environment.hdri import images_of, read_radiance
-from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.terrain.dem import import_dem
 from oaisys_core.procedural.textures.folder import describe_texture_folder
 from oaisys_core.world.extension_modules import make_modules
@@ -25,6 +24,7 @@ from oaisys_core.world.modules import (
     StageModule,
 )
 from oaisys_core.world.modules.layers import pool_layers
+from oaisys_core.world.modules.stage import load_stage_mesh
 
 
 def name_faults(config: SimulationConfig) -> list[str]:
@@ -95,7 +95,7 @@ def _stage(config: SimulationConfig) -> None:
     if stage.reuse is not None:
         module.record(stage.reuse)
     elif stage.mesh is not None:
-        load_mesh(stage.mesh.file, stage.mesh.object, "stage.mesh.file")
+        load_stage_mesh(stage.mesh)
     elif stage.dem is not None:
         import_dem(stage.dem)
 

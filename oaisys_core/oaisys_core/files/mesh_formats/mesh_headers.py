@@ -91,6 +91,12 @@ def is_text_stl(path: Path) -> bool:
         return _is_text(".stl", file.read(MAX_HEADER_BYTES))
 
 
+def is_text_ply(path: Path) -> bool:
+    """Return whether a file is a .ply file of text."""
+    with path.open("rb") as file:
+        return path.suffix.lower() == ".ply" and _is_text(".ply", file.read(MAX_HEADER_BYTES))
+
+
 def _is_text(suffix: str, start: bytes) -> bool:
     if suffix == ".ply":
         header = start.partition(b"\nend_header")[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,65 @@ MAX_COORDINATE = 1e7
 FAR = 8192.0
 """Distance from the origin beyond which float32 does not resolve a thousandth."""
 
+MAX_STEP_M = 0.001
+"""Step of the numbers of a file beyond which a ground would lose its rows."""
+
 TEXT_VERTEX = {".obj": "v", ".stl": "vertex"}
 """First word of a line with a vertex, by file suffix."""
 
 BLOCK = 1_000_000
 """Triangles whose areas are computed at once."""
+
+
+class Float32Step(NamedTuple):
+    """How fine the float32 numbers of a file are, far from the origin.
+
+    Attributes:
+        coordinate: The largest one on an axis on which all vertices lie on one side of the origin,
+            in the file's units; 0: there is none, or the file has digits or float64.
+        step: To the next float32, in the units in which the file has the mesh.
+    """
+
+    coordinate: float = 0.0
+    step: float = 0.0
+
+
+NOT_COARSE = Float32Step()
+"""Of digits, integers and float64."""
+
+
+def float32_step(vertices: NDArray[Any], scale: float = 1.0) -> Float32Step:
+    """Return the step of (V, 3) vertices that a file stores as float32.
+
+    Args:
+        vertices: As stored.
+        scale: By which the file itself enlarges them.
+
+    >>> float32_step(np.array([[500000.0, 0.0, 0.0], [500002.0, 1.0, 0.0]]))
+    Float32Step(coordinate=500002.0, step=0.03125)
+    """
+    if not len(vertices):
+        return NOT_COARSE
+    low, high = (np.asarray(edge, np.float64) for edge in (vertices.min(0), vertices.max(0)))
+    farthest = np.maximum(np.abs(low), np.abs(high))
+    coordinate = float(np.where(low * high > 0, farthest, 0.0).max())
+    return Float32Step(coordinate, float(np.spacing(np.float32(coordinate))) * scale)
+
+
+def check_float32_step(float32: Float32Step, most: float, path: Path, field: str) -> None:
+    """Raise if a file's numbers are coarser than ``most`` of its units, far from the origin.
+
+    Raises:
+        InvalidInputError: With the coordinate, the step, and how to store the mesh.
+    """
+    if float32.step <= most:
+        return
+    expected = (
+        f"coordinates that resolve {most:.3g} of its units, but as float32 they have a"
+        f" step of {float32.step:.3g} at {float32.coordinate:.10g}: save them with float64"
+        " or as text (.ply of double, .obj), or less a local origin that you add as position_m"
+    )
+    raise InvalidInputError(field, str(path), expected)
 
 
 def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, field: str) -> None:

@@ -20,7 +20,7 @@ from oaisys_core.files.image_formats.image_headers import (
 )
 from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
 from oaisys_core.files.image_formats.images import decode_pixels
-from oaisys_core.procedural.meshes.checks import local_origin
+from oaisys_core.procedural.meshes.checks import NOT_COARSE, Float32Step, local_origin
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr
 
@@ -48,6 +48,7 @@ class LoadedMesh(ShortRepr):
         vertex_colors_srgb: (V, 3) uint8; None without vertex colours.
         materials: Whose colours count times those of the vertices; none: these alone.
         material_of: (T,) uint16 index into ``materials`` of each triangle; None: the first.
+        float32: How fine the file's numbers are, where it has float32.
     """
 
     name: str
@@ -57,6 +58,7 @@ class LoadedMesh(ShortRepr):
     vertex_colors_srgb: NDArray[np.uint8] | None = None
     materials: tuple[MeshMaterial, ...] = ()
     material_of: NDArray[np.uint16] | None = None
+    float32: Float32Step = NOT_COARSE
 
     @property
     def color_image_srgb(self) -> NDArray[np.uint8] | None:
@@ -79,6 +81,7 @@ def merge_parts(name: str, parts: Sequence[LoadedMesh], field: str = "mesh") -> 
         triangles=np.concatenate(
             [p.triangles + np.int32(start) for p, start in zip(parts, starts, strict=True)]
         ),
+        float32=max((part.float32 for part in parts), key=lambda float32: float32.step),
     )
     if not any(part.materials for part in parts):
         return replace(merged, vertex_colors_srgb=_colors(parts, GREY))

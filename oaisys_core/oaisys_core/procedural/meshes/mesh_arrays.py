@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.procedural.meshes.checks import Float32Step
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.scene import MeshMaterial, Wrap
 
@@ -18,6 +19,7 @@ WRAPS: tuple[Wrap, ...] = ("repeat", "clamp", "mirror")
 def mesh_to_arrays(mesh: LoadedMesh) -> dict[str, NDArray[Any]]:
     """Return a mesh as arrays by name, without objects of Python; inverse: `mesh_from_arrays`."""
     found = {"vertices_m": mesh.vertices_m, "triangles": mesh.triangles}
+    found["float32"] = np.array(mesh.float32, np.float64)
     for name in OPTIONAL:
         if (values := getattr(mesh, name)) is not None:
             found[name] = values
@@ -53,5 +55,10 @@ def mesh_from_arrays(name: str, arrays: Mapping[str, NDArray[Any]]) -> LoadedMes
         )
     optional = {key: arrays[key] for key in OPTIONAL if key in arrays}
     return LoadedMesh(
-        name, arrays["vertices_m"], arrays["triangles"], materials=tuple(materials), **optional
+        name,
+        arrays["vertices_m"],
+        arrays["triangles"],
+        materials=tuple(materials),
+        float32=Float32Step(*arrays["float32"].tolist()),
+        **optional,
     )

@@ -62,6 +62,12 @@ def ply_mesh(elements: Mapping[str, Any]) -> PlyMesh:
     return PlyMesh(vertices, corners[places].astype(np.int32), face_of, places)
 
 
+def has_float_vertices(elements: Mapping[str, Any]) -> bool:
+    """Return whether coordinates are float32, or coarser, rather than float64 or integers."""
+    kinds = [np.dtype(elements["vertex"]["properties"][axis]) for axis in "xyz"]
+    return any(kind.kind == "f" and kind.itemsize < 8 for kind in kinds)
+
+
 def ply_colors(elements: Mapping[str, Any], mesh: PlyMesh) -> NDArray[np.uint8] | None:
     """Return the (V, 3) colours of vertices, or the means of those of their faces; None: none.
 

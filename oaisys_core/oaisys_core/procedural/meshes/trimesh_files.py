@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.files.mesh_formats.mesh_headers import MAX_HEADER_BYTES, MAX_VERTICES, is_text_stl
+from oaisys_core.files.mesh_formats.mesh_headers import (
+    MAX_HEADER_BYTES,
+    MAX_VERTICES,
+    is_text_ply,
+    is_text_stl,
+)
+from oaisys_core.procedural.meshes.checks import float32_step
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, decode_texture
 from oaisys_core.procedural.meshes.obj_format.obj_statements import file_name
-from oaisys_core.procedural.meshes.ply_elements import ply_colors, ply_image_of, ply_mesh, ply_uv
+from oaisys_core.procedural.meshes.ply_elements import (
+    has_float_vertices,
+    ply_colors,
+    ply_image_of,
+    ply_mesh,
+    ply_uv,
+)
 from oaisys_core.procedural.meshes.references import FileReferences, check_texture
 from oaisys_core.scene import MeshMaterial
 
 LOG = logging.getLogger(__name__)
+
+FLOAT_COORDINATE = re.compile(rb"(?m)^([ \t]*property[ \t]+)float(?:16|32)?([ \t]+[xyz][ \t\r]*)$")
+"""Line of a .ply file's header."""
 
 WHITE, GREY = (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)
 """What is multiplied by an image, and what its faces are without it."""
@@ -69,7 +85,7 @@ def _load_scene(path: Path, references: FileReferences, field: str) -> Any:
     suffix = path.suffix.lower()[1:]
     own = {"skip_materials": True} if suffix == "ply" else {}
     try:
-        with path.open("rb") as file:
+        with _content(path) as file:
             scene = trimesh.load_scene(
                 file, file_type=suffix, resolver=references, process=False, **own
             )
@@ -84,6 +100,17 @@ def _load_scene(path: Path, references: FileReferences, field: str) -> Any:
     return scene
 
 
+def _content(path: Path) -> BinaryIO:
+    """Open a file; in a .ply file of text, coordinates of float are announced as double.
+
+    The digits are there, and trimesh would round them to what the header says.
+    """
+    if not is_text_ply(path):
+        return path.open("rb")
+    header, end, rest = path.read_bytes().partition(b"\nend_header")
+    return io.BytesIO(FLOAT_COORDINATE.sub(rb"\1double\2", header) + end + rest)
+
+
 def _parts(scene: Any, path: Path, references: FileReferences) -> Sequence[tuple[str, LoadedMesh]]:
     """Return the objects of a file, with their names."""
     import trimesh
@@ -95,9 +122,14 @@ def _parts(scene: Any, path: Path, references: FileReferences) -> Sequence[tuple
         if isinstance(mesh, trimesh.Trimesh):
             elements, name = mesh.metadata.get("_ply_raw"), str(node)
             if elements is None:
-                parts.append((name, _bare(name, mesh.copy().apply_transform(T))))
+                part = _bare(name, mesh.copy().apply_transform(T))
+                is_coarse = path.suffix.lower() == ".stl" and not is_text_stl(path)
             else:
-                parts.append((name, _of_ply(name, elements, path, references)))
+                part = _of_ply(name, elements, path, references)
+                is_coarse = has_float_vertices(elements)
+            if is_coarse:
+                part = replace(part, float32=float32_step(part.vertices_m))
+            parts.append((name, part))
     return parts
 
 

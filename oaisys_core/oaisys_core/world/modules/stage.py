@@ -17,7 +17,9 @@ from oaisys_core.config.sections.stage import (
 )
 from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.procedural.meshes.checks import MAX_STEP_M, check_float32_step
 from oaisys_core.procedural.meshes.files import load_mesh
+from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.procedural.terrain.detail import Detail
 from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
@@ -224,8 +226,20 @@ def _shaper(config: StageConfig) -> Shaper:
 
 
 def _mesh_ground(config: StageMeshConfig) -> MeshGround:
-    mesh = load_mesh(config.file, config.object, "stage.mesh.file")
+    mesh = load_stage_mesh(config)
     return mesh_ground(mesh, config.scale, config.up, config.position_m)
+
+
+def load_stage_mesh(config: StageMeshConfig) -> LoadedMesh:
+    """Return the mesh of a ground as it is in its file.
+
+    Raises:
+        InvalidInputError: See `load_mesh`; or its numbers are too coarse for where it lies.
+    """
+    mesh = load_mesh(config.file, config.object, "stage.mesh.file")
+    most = MAX_STEP_M / config.scale
+    check_float32_step(mesh.float32, most, config.file, "stage.mesh.file")
+    return mesh
 
 
 def _water(config: WaterConfig | None, ground: Ground) -> Water | None:

@@ -11,14 +11,18 @@ import pytest
 import trimesh
 
 from oaisys_core.config import config_from_mapping
+from oaisys_core.config.sections.stage import StageMeshConfig
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
+from oaisys_core.world.config_files import name_faults
 from oaisys_core.world.module import World
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
-from oaisys_core.world.modules.stage import StageModule
+from oaisys_core.world.modules.stage import StageModule, load_stage_mesh
 
 UTM = np.array([500_000.0, 5_200_000.0, 400.0])
+HILL = {"name": "hill", "position_m": [0, 0, 0], "label": "hill", "semantic_id": 40}
 FARAWAY = {"UTM": UTM, "100 km": np.array([1e5, -1e5, 0.0]), "one axis": np.array([0.0, 3e6, 0.0])}
 
 
@@ -68,6 +72,94 @@ def test_a_stage_far_from_the_origin_keeps_rows_and_heights(
     points = np.einsum("nk,nkd->nd", rng.dirichlet((1, 1, 1), 200), corners)
     found_m = ground.height_at(points[:, :2] - origin[:2]) + origin[2]
     np.testing.assert_allclose(found_m, points[:, 2], rtol=0, atol=5e-5)
+
+
+@pytest.mark.parametrize("kind", ["ply", "stl"])
+def test_digits_of_text_files_are_read_as_float64(tmp_path: Path, kind: str) -> None:
+    truth = hilly(UTM)
+    file = tmp_path / f"hills.{kind}"
+    if kind == "ply":
+        header = "ply\nformat ascii 1.0\nelement vertex 6561\nproperty float x\n"
+        header += "property  float32 y\nproperty float z\nelement face 12800\n"
+        header += "property list uchar int vertex_indices\nend_header\n"
+        rows = [f"{x:.10f} {y:.10f} {z:.10f}" for x, y, z in truth.vertices]
+        rows += [f"3 {a} {b} {c}" for a, b, c in truth.faces]
+        file.write_text(header + "\n".join(rows) + "\n")
+    else:
+        facet = "facet normal 0 0 1\nouter loop\n{}\nendloop\nendfacet"
+        corners = [[f"vertex {x:.10f} {y:.10f} {z:.10f}" for x, y, z in t] for t in truth.triangles]
+        facets = [facet.format("\n".join(each)) for each in corners]
+        file.write_text("\n".join(["solid a", *facets, "endsolid a", ""]))
+    found = load_stage_mesh(StageMeshConfig(file=file))
+    expected = truth.vertices if kind == "ply" else truth.triangles.reshape(-1, 3)
+    np.testing.assert_allclose(found.vertices_m, expected, rtol=0, atol=2e-9)
+
+
+def export_float32(mesh: trimesh.Trimesh, file: Path) -> None:
+    """Write a binary .ply, .stl or .glb file, in which trimesh stores float32."""
+    file.write_bytes(mesh.export(file_type=file.suffix[1:]))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb"])
+def test_a_stage_whose_file_has_lost_its_digits_is_refused(tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"hills{suffix}"
+    export_float32(hilly(UTM), file)
+    with pytest.raises(InvalidInputError) as error:
+        load_stage_mesh(StageMeshConfig(file=file))
+    said = str(error.value)
+    assert said.startswith("stage.mesh.file: received ")
+    assert "resolve 0.001 of its units, but as float32 they have a step of 0.5 at 5200016" in said
+    assert "float64" in said
+    assert "local origin" in said
+    config = config_from_mapping({"stage": {"mesh": {"file": str(file)}}})
+    (fault,) = name_faults(config)
+    assert "have a step of 0.5" in fault
+
+
+@pytest.mark.blender
+def test_what_blender_reads_is_float32(tmp_path: Path) -> None:
+    corners = UTM + np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
+    points = ", ".join(f"({x}, {y}, {z})" for x, y, z in corners.tolist())
+    file = tmp_path / "a.usda"
+    file.write_text(
+        '#usda 1.0\n(\n    upAxis = "Z"\n    metersPerUnit = 1\n)\ndef Mesh "own"\n{\n'
+        "    int[] faceVertexCounts = [3]\n"
+        f"    int[] faceVertexIndices = [0, 1, 2]\n    point3f[] points = [{points}]\n}}\n"
+    )
+    with pytest.raises(InvalidInputError, match=r"have a step of 0\.5 at 5200001"):
+        load_stage_mesh(StageMeshConfig(file=file))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb"])
+def test_float32_is_fine_where_it_resolves_a_millimetre(tmp_path: Path, suffix: str) -> None:
+    file = tmp_path / f"hills{suffix}"
+    export_float32(hilly(np.array([16_300.0, 0.0, 0.0])), file)
+    load_stage_mesh(StageMeshConfig(file=file))
+    export_float32(hilly(np.array([16_400.0, 0.0, 0.0])), file)
+    load_stage_mesh(StageMeshConfig(file=file, scale=0.1))
+    with pytest.raises(InvalidInputError, match=r"have a step of 0\.00195 at 16416"):
+        load_stage_mesh(StageMeshConfig(file=file))
+
+
+def test_a_node_of_gltf_brings_a_mesh_far_away_exactly(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    to_utm = trimesh.transformations.translation_matrix(UTM)
+    scene.add_geometry(hilly(np.zeros(3)), transform=to_utm)
+    file = tmp_path / "hills.glb"
+    file.write_bytes(scene.export(file_type="glb"))
+    found = load_stage_mesh(StageMeshConfig(file=file, up="z"))
+    low = hilly(np.zeros(3)).vertices.min(axis=0)
+    assert found.float32.step < 1e-5
+    np.testing.assert_allclose(found.vertices_m.min(axis=0)[0], (low + UTM)[0], rtol=0, atol=1e-6)
+
+
+def test_an_object_whose_file_has_lost_its_digits_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "hill.stl"
+    export_float32(hilly(UTM), file)
+    library = PrototypeLibrary("rock", 1.0, 64, 0)
+    config = config_from_mapping({"assets": {"objects": [{"file": str(file)} | HILL]}})
+    with pytest.raises(InvalidInputError, match=r"have a step of 0\.5 at 5200016"):
+        library.prototype(config.assets.objects[0], np.random.default_rng(0))
 
 
 def test_a_position_that_brings_it_back_is_exact(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -154,7 +155,10 @@ class _Primitives:
                 vertices = Vertices(self._document, self._accessors, primitive, weights, where)
                 points, mirrored = vertices.points(T, joints)
                 name = node_name(self._document, index)
-                yield self._surface(name, primitive, vertices, points, mirrored=mirrored)
+                surface = self._surface(name, primitive, vertices, points, mirrored=mirrored)
+                yield replace(
+                    surface, float32=vertices.float32_step(T if joints is None else joints)
+                )
 
     def _surface(
         self,

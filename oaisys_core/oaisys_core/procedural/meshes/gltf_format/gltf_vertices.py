@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import transform_points
+from oaisys_core.procedural.meshes.checks import NOT_COARSE, Float32Step, float32_step
 from oaisys_core.procedural.meshes.gltf_format.gltf_accessors import Accessors
 from oaisys_core.procedural.meshes.gltf_format.gltf_nodes import poses_of_nodes
 from oaisys_core.types import FloatArray
@@ -26,6 +27,7 @@ SHARES = ("COLOR", "WEIGHTS")
 """Attributes from 0 to 1, whose integers are normalised."""
 
 FLOAT = 5126
+"""Component type of float32."""
 TOLERANCE = 0.001
 """Colours may be rounded up in their last digit."""
 
@@ -56,7 +58,7 @@ class Vertices:
         Raises:
             ValueError: An attribute has another number of elements than POSITION, or another type.
         """
-        self._accessors, self._where = accessors, where
+        self._document, self._accessors, self._where = document, accessors, where
         self._attributes: Mapping[str, int] = primitive["attributes"]
         self._targets: Sequence[Mapping[str, int]] = primitive.get("targets") or ()
         given = weights if weights and self._targets else [0.0] * len(self._targets)
@@ -126,6 +128,14 @@ class Vertices:
             pose = np.einsum("vk,vkij->vij", weights[rows], joints[of_vertex[rows]])
             found[rows] = np.einsum("vij,vj->vi", pose[:, :3, :3], found[rows]) + pose[:, :3, 3]
         return found, mirrored
+
+    def float32_step(self, poses: FloatArray) -> Float32Step:
+        """Return how fine POSITION is in the scene, under one or several (..., 4, 4) poses."""
+        index = self._attributes["POSITION"]
+        if self._document["accessors"][index]["componentType"] != FLOAT:
+            return NOT_COARSE
+        scale = np.linalg.norm(poses.reshape(-1, 4, 4)[:, :3, :3], ord=2, axis=(1, 2)).max()
+        return float32_step(self._accessors.floats(index), float(scale))
 
     def _influences(self, count: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Return the (V, K) joints of each vertex, and their weights, whose sum is 1."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
+from oaisys_core.procedural.meshes.checks import float32_step
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
 from oaisys_core.render.blender.objects.blend_drivers import mute_python_drivers
@@ -206,7 +207,9 @@ def _part(thing: Any, warnings: list[str]) -> LoadedMesh:
     triangles = _fill(mesh.loop_triangles, "vertices", 3, np.int32)
     if np.linalg.det(T[:3, :3]) < 0:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
-    bare = LoadedMesh(thing.name, transform_points(T, _fill(mesh.vertices, "co", 3)), triangles)
+    points = _fill(mesh.vertices, "co", 3)
+    step = float32_step(points, float(np.linalg.norm(T[:3, :3], ord=2)))
+    bare = LoadedMesh(thing.name, transform_points(T, points), triangles, float32=step)
     corners = _fill(mesh.loop_triangles, "loops", 3, np.int32)
     which = np.empty(len(triangles), np.int32)
     mesh.loop_triangles.foreach_get("material_index", which)

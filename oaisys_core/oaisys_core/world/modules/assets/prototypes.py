@@ -17,7 +17,7 @@ from oaisys_core.config.sections.objects import (
     ShapedConfig,
 )
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.procedural.meshes.checks import local_origin
+from oaisys_core.procedural.meshes.checks import check_float32_step, local_origin
 from oaisys_core.procedural.meshes.files import (
     R_Z_UP_FROM_Y_UP,
     Y_UP_SUFFIXES,
@@ -34,6 +34,9 @@ LOG = logging.getLogger(__name__)
 
 FAR_SIZES = 100
 """Distance of a mesh from its origin, in its sizes, from which float32 blurs it."""
+
+MAX_STEP_SHARE = 0.001
+"""Step of the numbers of such a mesh's file, as a share of its size, beyond which it is refused."""
 
 ROCK_VARIANTS, OTHER_VARIANTS = 24, 3
 """Number of meshes of a group that says nothing else."""
@@ -134,7 +137,7 @@ class PrototypeLibrary:
             mesh = load_mesh(path, config.object_name, field)
             if path.suffix.lower() == ".obj" and config.up_axis is None:
                 LOG.info("%s: .obj files do not say which axis is up: z is taken (up_axis)", path)
-            vertices_m = _upright(_near_origin(mesh, path, anchor), path, config.up_axis)
+            vertices_m = _upright(_near_origin(mesh, path, anchor, field), path, config.up_axis)
             if anchor == "base":
                 vertices_m = (vertices_m - _base_of(vertices_m)).astype(np.float32)
             self._files[key] = MeshPrototype(
@@ -150,11 +153,13 @@ class PrototypeLibrary:
         return self._files[key]
 
 
-def _near_origin(mesh: LoadedMesh, path: Path, anchor: Anchor) -> NDArray[np.float32]:
+def _near_origin(mesh: LoadedMesh, path: Path, anchor: Anchor, field: str) -> NDArray[np.float32]:
     """Return the vertices of a mesh, moved to the origin if they lie far from it."""
     origin = local_origin(mesh.vertices_m)
     size = float(np.ptp(mesh.vertices_m, axis=0).max())
     origin = np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
+    if origin.any():
+        check_float32_step(mesh.float32, size * MAX_STEP_SHARE, path, field)
     if origin.any() and anchor == "origin":
         LOG.warning(
             "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
