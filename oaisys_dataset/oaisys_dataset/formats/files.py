@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from oaisys_core.config import config_from_mapping
 from oaisys_core.output.records import pose_from_record, provenance_from_record
 from oaisys_core.output.writer import SampleWriter
-from oaisys_core.types import Frame, Sample
+from oaisys_core.types import DEPTH, RGB, Frame, Sample
 from oaisys_dataset.formats.base import (
     WRITTEN_SCANS,
     DatasetFormat,
@@ -59,6 +59,7 @@ class FilesFormat(DatasetFormat):
 
     name = "files"
     writes_scans = True
+    images_beside = (RGB, DEPTH)
     conventions = CONVENTIONS
     has_fisheye = True
 

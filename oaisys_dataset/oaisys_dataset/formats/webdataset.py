@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.output.images import encode_image
-from oaisys_core.types import COLORS, LidarScan
+from oaisys_core.types import COLORS, DEPTH, RGB, LidarScan
 from oaisys_dataset.formats.base import (
     WRITTEN_SCANS,
     DatasetFormat,
@@ -89,6 +89,7 @@ class WebDatasetFormat(DatasetFormat):
 
     name = "webdataset"
     writes_scans = True
+    images_beside = (RGB, DEPTH)
     settings = MappingProxyType({"shard_bytes": "largest size of a tar file; default 1e9"})
     conventions = CONVENTIONS
 

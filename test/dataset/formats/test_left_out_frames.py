@@ -33,8 +33,10 @@ MISSING = {
     "colmap": {"depth": len(WITH_RGB - WITH_DEPTH)},
     "kitti": {"depth": len(WITH_RGB - WITH_DEPTH)},
     "nerfstudio": {"depth": len(WITH_RGB - WITH_DEPTH)},
-    "tum": {"rgb": VIEWS - len(WITH_RGB), "depth": VIEWS - len(WITH_DEPTH)},
-    "euroc": {"rgb": VIEWS - len(WITH_RGB), "depth": VIEWS - len(WITH_DEPTH)},
+}
+MISSING |= {
+    name: {"rgb": VIEWS - len(WITH_RGB), "depth": VIEWS - len(WITH_DEPTH)}
+    for name in ("euroc", "files", "tum", "webdataset")
 }
 
 
@@ -98,6 +100,6 @@ def test_a_data_set_without_depth_lacks_none(tmp_path: Path) -> None:
     (camera,) = SMALL["sensors"]["cameras"]
     sensors = {**SMALL["sensors"], "cameras": [{**camera, "modalities": ["rgb"]}]}
     render_dataset(tmp_path / "set", {0: "train"}, 2, {**SMALL, "sensors": sensors})
-    for name in ("kitti", "euroc"):
+    for name in ("kitti", "euroc", "files", "webdataset"):
         counts = export_dataset(open_dataset(tmp_path / "set"), name, tmp_path / name)
         assert not [what for what in counts if "without" in what or "missing" in what]
