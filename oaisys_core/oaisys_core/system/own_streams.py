@@ -32,9 +32,10 @@ def keep_messages(prefix: str, sentence: str) -> Iterator[None]:
     """
     log = Path(tempfile.gettempdir(), f"{prefix}{secrets.token_hex(4)}.log")
     said = sentence.format(log=log)
-    with remove_when_killed(log), own_streams(log), say_if_ended(said, log):
+    with remove_when_killed(log):
         try:
-            yield
+            with own_streams(log), say_if_ended(said, log):
+                yield
         finally:
             log.unlink(missing_ok=True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import tempfile
 from pathlib import Path
@@ -52,6 +53,13 @@ def test_where_nothing_fits_the_sentence_says_how_long_tmpdir_may_be(
     monkeypatch.setattr("oaisys_core.system.socket_paths._is_usable", lambda _: False)
     with pytest.raises(InvalidInputError, match=r"TMPDIR: .* a folder of at most \d+ bytes"):
         socket_parent(BELOW_BYTES)
+
+
+def test_a_folder_whose_name_is_not_utf_8_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr("oaisys_core.system.socket_paths._is_usable", lambda _: True)
+    monkeypatch.setattr(tempfile, "tempdir", os.fsdecode(b"/tmp/\xfe"))
+    assert socket_parent(BELOW_BYTES) == Path("/tmp")
 
 
 @pytest.mark.parametrize(

@@ -22,15 +22,15 @@ class LastWords:
 
     def set(self, text: str, kept: Path | None = None) -> None:
         """Set the words, and a file that they name and that is kept then; no text: no words."""
-        data = f"{kept or ''}\n{text}".encode()[:MAX_BYTES] if text else b""
+        # Names of files may have any byte but 0.
+        data = os.fsencode(f"{kept or ''}\0{text}")[:MAX_BYTES] if text else b""
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, data, 0)
 
     def read(self) -> tuple[str, Path | None]:
         """Return the words, and the file to keep; inverse: `set`."""
-        data = os.pread(self._file, MAX_BYTES, 0).decode("utf-8", "replace")
-        kept, _, text = data.partition("\n")
-        return text, Path(kept) if kept else None
+        kept, _, text = os.pread(self._file, MAX_BYTES, 0).partition(b"\0")
+        return os.fsdecode(text), Path(os.fsdecode(kept)) if kept else None
 
 
 _record: LastWords | None = None

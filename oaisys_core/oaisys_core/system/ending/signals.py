@@ -19,6 +19,8 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
+from oaisys_core.system.standard_streams import printable
+
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end a program; Ctrl-C sends the first one, and Ctrl-\\ the last."""
 
@@ -158,7 +160,7 @@ def _write_end(command: str, how: str) -> None:
     with suppress(OSError):
         if os.isatty(2):
             os.write(2, _SHOWN_CURSOR)  # the progress display has hidden it
-        os.write(2, f"oaisys {command}: {how}\n".encode())
+        os.write(2, f"oaisys {command}: {printable(how)}\n".encode())
 
 
 def end_service_at_signals(handler: Callable[[int, FrameType | None], object] | int) -> None:

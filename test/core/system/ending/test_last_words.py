@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -54,3 +55,16 @@ def test_what_is_said_and_what_is_left(how: str, tmp_path: Path) -> None:
     assert ended.stdout == "result\n" + ("result after\n" if how == "return" else "")
     if log is not None:
         assert log.read_text(encoding="utf-8") == "noise of a library\nmore of it\n"
+
+
+@pytest.mark.parametrize("name", [b"\xfe\xfe", b"a\nb"])
+def test_a_folder_of_any_name_is_told(name: bytes, tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(name)
+    folder.mkdir()
+    line = [sys.executable, "-c", PROGRAM, str(folder), "exit"]
+    ended = subprocess.run(line, capture_output=True, timeout=START_PATIENCE_S, check=False)
+    (log,) = folder.iterdir()
+    assert ended.returncode == 1
+    assert log.read_text(encoding="utf-8") == "noise of a library\nmore of it\n"
+    assert log.name.encode() in ended.stderr
+    assert b"Traceback" not in ended.stderr
