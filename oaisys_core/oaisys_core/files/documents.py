@@ -12,13 +12,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from oaisys_core.errors import quote
+from oaisys_core.errors import quote, show_field
 
 MAX_TEXT_BYTES = 4_000_000
 """Size of a YAML or JSON file that a person may have written."""
 
 MAX_VALUES = 500_000
 """Values in a YAML document after each alias is replaced by what it stands for."""
+
+LONGEST_WHOLE = 256
+"""Characters of a whole number, of base 10 or 16, up to which it can be a float."""
 
 MAX_DEPTH = 64
 """Lists and mappings inside of each other, aliases followed."""
@@ -99,16 +102,27 @@ def parse_json(text: str | bytes) -> Any:
     """Return the data in a JSON text.
 
     Raises:
-        ValueError: It is not JSON, has a key twice, or is nested more than `MAX_DEPTH` times.
+        ValueError: It is not JSON, has a key twice, a whole number that no float can be, or is
+            nested more than `MAX_DEPTH` times.
     """
+    huge: list[_Digits] = []
+
+    def whole(digits: str) -> int | _Digits:
+        if len(digits) <= LONGEST_WHOLE or math.isfinite(float(digits)):
+            return int(digits)
+        huge.append(_Digits(digits))
+        return huge[-1]
+
     try:
-        data = json.loads(text, object_pairs_hook=_without_repeats)
+        data = json.loads(text, object_pairs_hook=_without_repeats, parse_int=whole)
     except RecursionError:
         raise DocumentError(f"it is nested more than {MAX_DEPTH} times") from None
     # A text with fewer brackets than that cannot be nested deeper, and most have fewer.
     raw = text if isinstance(text, bytes) else text.encode(errors="replace")
     if raw.count(b"[") + raw.count(b"{") > MAX_DEPTH:
         _check_depth(data)
+    if huge:
+        _check_digits(data)
     return data
 
 
@@ -159,6 +173,29 @@ def _finite(text: str) -> float:
 def _whole(text: str) -> int:
     _finite(text)
     return int(text)
+
+
+class _Digits(str):
+    """A whole number that no float can be."""
+
+    __slots__ = ()
+
+
+def _check_digits(data: Any) -> None:
+    """Raise for the first whole number that no float can be, with its place."""
+    left = [("", data)]
+    while left:
+        place, value = left.pop()
+        if isinstance(value, _Digits):
+            found = f"{len(value)} digits, {quote(str(value))}"
+            expected = "a whole number that a float can be"
+            raise DocumentError(
+                f"{show_field(place[1:] or 'it')}: received {found}, expected {expected}"
+            )
+        if isinstance(value, dict):
+            left += [(f"{place}.{key}", each) for key, each in reversed(value.items())]
+        elif isinstance(value, list):
+            left += [(f"{place}.{index}", value[index]) for index in reversed(range(len(value)))]
 
 
 def _check_depth(data: Any) -> None:

@@ -7,7 +7,13 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import one_line, quote
-from oaisys_core.files.documents import MAX_DEPTH, MAX_TEXT_BYTES, MAX_VALUES, DocumentError
+from oaisys_core.files.documents import (
+    LONGEST_WHOLE,
+    MAX_DEPTH,
+    MAX_TEXT_BYTES,
+    MAX_VALUES,
+    DocumentError,
+)
 
 if TYPE_CHECKING:
     import yaml
@@ -128,6 +134,9 @@ def _check_expansion(root: yaml.Node) -> None:
         if isinstance(node, yaml.ScalarNode):
             if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
                 raise DocumentError(f"line {line}: a number of more than {LONGEST_NUMBER} digits")
+            if node.tag == _NUMBERS[0] and len(node.value) > LONGEST_WHOLE:
+                expected = f"at most {LONGEST_WHOLE} digits of a whole number"
+                raise DocumentError(f"line {line}: {quote(node.value)}, expected {expected}")
             return 1, 0
         sizes[id(node)] = None
         children = [measure(child) for child in _children(node)]

@@ -15,15 +15,19 @@ import yaml
 from oaisys_core.cli.rendering.metadata_file import load_steps
 from oaisys_core.config import load_config
 from oaisys_core.errors import ConfigError, InvalidInputError, quote
+from oaisys_core.files.calibrations import read_calibration
 from oaisys_core.files.csv_tables import read_csv
 from oaisys_core.files.documents import (
+    LONGEST_WHOLE,
     MAX_DEPTH,
     MAX_TEXT_BYTES,
     DocumentError,
     parse_json,
     read_text,
 )
+from oaisys_core.files.poses import read_pose_table
 from oaisys_core.files.yaml_documents import parse_yaml, yaml_comments
+from oaisys_mapping.certificate.light_audit import read_light_audit
 
 LAUGHS = "a0: &a0 [lol]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10)
@@ -220,7 +224,7 @@ def test_nested_json_is_refused(text: str) -> None:
 
 
 def test_long_numbers_in_json_are_refused() -> None:
-    with pytest.raises(ValueError, match="limit"):
+    with pytest.raises(ValueError, match="it: received 100000 digits"):
         parse_json("1" * 100_000)
 
 
@@ -309,3 +313,62 @@ def test_no_character_ends_a_comment() -> None:
     text = yaml_comments(["".join(f"{chr(number)}seed: 666" for number in some)])
     assert len(text.splitlines()) == 1
     assert yaml.safe_load(text.encode("utf-8")) is None
+
+
+@pytest.mark.parametrize("digits", ["9" * 390, "-" + "9" * 310, "1" + "0" * 309])
+def test_whole_numbers_that_no_float_can_be_are_refused(digits: str) -> None:
+    with pytest.raises(DocumentError, match=r"a\.1: received 3\d\d digits, '-?[91]") as refused:
+        parse_json(f'{{"a": [1, {digits}]}}')
+    assert len(str(refused.value)) < 200
+    with pytest.raises(DocumentError, match=r"a\.1: received 3\d\d digits"):
+        parse_json(f'{{"a": [1, {digits}]}}'.encode("utf-16"))
+    with pytest.raises(DocumentError, match=r"line 2: '-?[91].*, expected at most 256 digits"):
+        parse_yaml(f"a:\n- {digits}\n")
+    with pytest.raises(DocumentError, match="line 1: '0xf"):
+        parse_yaml("a: 0x" + "f" * 256)
+
+
+def test_the_largest_whole_numbers_are_floats() -> None:
+    largest = "9" * LONGEST_WHOLE
+    assert float(parse_yaml(largest)) == float(parse_json(largest)) == 1e256
+    assert parse_json("9" * 308) == int("9" * 308)
+    assert parse_yaml("9." + "9" * 300) == 10.0
+
+
+NINES = "9" * 390
+READERS = {
+    "transforms.json": (
+        read_pose_table,
+        f'{{"frames": [{{"transform_matrix": [[{NINES}, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}]}}',
+    ),
+    "ros.yaml": (
+        read_calibration,
+        (
+            "image_width: 64\nimage_height: 48\ndistortion_model: plumb_bob\n"
+            f"camera_matrix: {{rows: 3, cols: 3, data: [{NINES}, 0, 32, 0, 60, 24, 0, 0, 1]}}\n"
+        ),
+    ),
+    "camchain.yaml": (
+        read_calibration,
+        (
+            "cam0:\n  camera_model: pinhole\n  distortion_model: radtan\n  resolution: [64, 48]\n"
+            f"  distortion_coeffs: [0, 0, 0, 0]\n  intrinsics: [{NINES}, 60, 32, 24]\n"
+        ),
+    ),
+    "sensor.yaml": (
+        read_calibration,
+        f"sensor_type: camera\nT_BS: {{rows: 4, cols: 4, data: [{NINES}, 0, 0, 0]}}\n",
+    ),
+    "light.json": (
+        read_light_audit,
+        f'[{{"backend": "a", "backend_version": "1", "name": "b", "expected": {NINES}}}]',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_readers_refuse_numbers_of_hundreds_of_digits(tmp_path: Path, name: str) -> None:
+    read, text = READERS[name]
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InvalidInputError, match=r"expected (a whole|at most 256 digits)"):
+        read(tmp_path / name)

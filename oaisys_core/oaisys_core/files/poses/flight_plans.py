@@ -32,6 +32,13 @@ aircraft."""
 AMSL, ABOVE_HOME, ABOVE_GROUND = frozenset({0, 5}), frozenset({3, 6}), frozenset({10, 11})
 """Frames by what altitudes are counted from."""
 
+COMMAND = "a MAV_CMD, a whole number"
+FRAME = "a MAV_FRAME of 0, 3 or 10 (above sea level, home or ground)"
+"""What errors expect."""
+
+LARGEST_NUMBER = 65_535
+"""Of a command: MAVLink sends 16 bits."""
+
 Heights = Callable[[FloatArray], FloatArray]
 """Returns the (N,) heights of the ground under (N, 2) points in ``map``."""
 
@@ -149,7 +156,7 @@ def read_plan(path: Path) -> FlightPlan | None:
     for where, item in _simple_items(mission["items"], f"{path}: mission.items"):
         found = _waypoint(where, item)
         if found is None:
-            left_out[int(item.get("command", 0))] += 1
+            left_out[int(item["command"])] += 1
         else:
             waypoints.append(found)
     if not waypoints:
@@ -181,19 +188,18 @@ def _simple_items(items: list[Any], where: str) -> Iterator[tuple[str, Mapping[s
 
 def _waypoint(where: str, item: Mapping[str, Any]) -> Waypoint | None:
     """Return where an item goes; None if it goes nowhere."""
-    if item.get("command") not in POSITIONED:
+    if _whole(item.get("command"), f"{where}.command", COMMAND) not in POSITIONED:
         return None
-    frame, params = item.get("frame"), item.get("params")
+    frame, params = _whole(item.get("frame"), f"{where}.frame", FRAME), item.get("params")
     if frame not in AMSL | ABOVE_HOME | ABOVE_GROUND:
-        expected = "a MAV_FRAME of 0, 3 or 10 (above sea level, home or ground)"
-        raise InvalidInputError(f"{where}.frame", frame, expected)
+        raise InvalidInputError(f"{where}.frame", frame, FRAME)
     if not isinstance(params, list) or len(params) != 7:
         raise InvalidInputError(f"{where}.params", params, "seven numbers")
     lat, lon, altitude = (_number(params[n], f"{where}.params[{n}]") for n in (4, 5, 6))
     if abs(lat) > 90:
         raise InvalidInputError(f"{where}.params[4]", lat, "a latitude from -90 to 90 degrees")
     heading = None if params[3] is None else _number(params[3], f"{where}.params[3]")
-    return Waypoint(where, lon, lat, altitude, int(frame), heading)
+    return Waypoint(where, lon, lat, altitude, frame, heading)
 
 
 def _home(value: Any, path: Path) -> tuple[float, float, float] | None:
@@ -204,6 +210,13 @@ def _home(value: Any, path: Path) -> tuple[float, float, float] | None:
         raise InvalidInputError(field, value, "latitude, longitude and altitude")
     lat, lon, altitude = (_number(each, field) for each in value)
     return lon, lat, altitude
+
+
+def _whole(value: Any, field: str, expected: str) -> int:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0 <= value <= LARGEST_NUMBER or value != int(value):
+        raise InvalidInputError(field, value, expected)
+    return int(value)
 
 
 def _number(value: Any, field: str) -> float:

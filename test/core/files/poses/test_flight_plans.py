@@ -20,6 +20,7 @@ from oaisys_core.cli.rendering.pose_steps import PoseSteps
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.poses import PoseSelection, flight_plans, read_pose_table
+from oaisys_core.files.poses.flight_plans import read_plan
 from oaisys_core.files.poses.records import MAX_POSES
 from oaisys_core.simulation import Simulation
 
@@ -107,6 +108,18 @@ def test_plans_that_cannot_be_flown_are_refused(
 ) -> None:
     with pytest.raises(InvalidInputError, match=expected):
         poses(simulation(tmp_path), write(tmp_path / "a.plan", items, home))
+
+
+@pytest.mark.parametrize("field", ["command", "frame"])
+@pytest.mark.parametrize("value", [[16], {"a": 1}, None, "NAV_TAKEOFF", True, 178.7, -1, 10**300])
+def test_numbers_of_another_type_are_refused_by_their_place(
+    tmp_path: Path, field: str, value: Any
+) -> None:
+    path = write(tmp_path / "a.plan", [item(0, 0, 20, 3), item(0, 0, 20, 3) | {field: value}])
+    expected = rf"mission\.items\[1\]\.{field}: received .{{1,90}}, expected a MAV_"
+    with pytest.raises(InvalidInputError, match=expected) as refused:
+        read_plan(path)
+    assert len(str(refused.value)) < 300
 
 
 def test_a_stage_of_no_place_takes_no_plan(tmp_path: Path) -> None:
