@@ -6,9 +6,9 @@ Licences come from the metadata of the installed packages, and of ROS packages f
 
 from __future__ import annotations
 
+import argparse
 import configparser
 import re
-import sys
 import sysconfig
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -174,8 +174,11 @@ def tables_of(licences: Mapping[str, str]) -> str:
     return "\n".join(lines)
 
 
-def main(folders: list[str]) -> None:
+def main() -> None:
     """Write the tables."""
+    parser = argparse.ArgumentParser(prog="python -m tools.licences", description=__doc__)
+    parser.add_argument("folders", nargs="*", metavar="SITE_PACKAGES")
+    folders = parser.parse_args().folders
     page = PAGE.read_text(encoding="utf-8")
     found = licences_in([sysconfig.get_path("purelib"), *folders])
     before, _, rest = page.partition(BEGIN)
@@ -185,4 +188,4 @@ def main(folders: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -5,6 +5,7 @@ They are built from copies, so that the checkout keeps none of setuptools' folde
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
 import sys
@@ -24,9 +25,9 @@ TIMEOUT_S = 300.0
 
 def main() -> None:
     """Build into the folder that the command line names."""
-    if len(sys.argv) != 2:
-        sys.exit(f"wheels: one folder is expected, received {sys.argv[1:]}")
-    for wheel in build_wheels(Path(sys.argv[1])):
+    parser = argparse.ArgumentParser(prog="python -m tools.wheels", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    for wheel in build_wheels(parser.parse_args().folder):
         sys.stdout.write(f"{wheel}\n")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from tools.docs.sources import gather_sources
@@ -10,9 +10,9 @@ from tools.docs.sources import gather_sources
 
 def main() -> None:
     """Gather all pages in the folder that the command line names."""
-    if len(sys.argv) != 2:
-        sys.exit(f"docs: one folder is expected, received {sys.argv[1:]}")
-    gather_sources(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(prog="python -m tools.docs", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    gather_sources(parser.parse_args().folder)
 
 
 if __name__ == "__main__":

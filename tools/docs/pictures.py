@@ -5,7 +5,7 @@ They are docs/tutorials/NAME.webp. Without a number, all tutorials are run.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -22,7 +22,13 @@ MOST_BYTES = 60_000
 def main() -> None:
     """Run the tutorials that the command line names by number, or all."""
     files = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
-    wanted = {int(number) for number in sys.argv[1:]} or {int(file.name[:2]) for file in files}
+    numbers = {int(file.name[:2]) for file in files}
+    parser = argparse.ArgumentParser(prog="python -m tools.docs.pictures", description=__doc__)
+    parser.add_argument("numbers", nargs="*", type=int, metavar="NUMBER")
+    wanted = set(parser.parse_args().numbers)
+    if unknown := wanted - numbers:
+        parser.error(f"NUMBER: received {min(unknown)}, expected one from 1 to {max(numbers)}")
+    wanted = wanted or numbers
     for file in files:
         if int(file.name[:2]) in wanted:
             print(make_picture(file), flush=True)

@@ -7,8 +7,8 @@ It gets ``light.npz`` with (H, W) images: ``radiance``, ``depth_m``, ``is_object
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from collections.abc import Callable
 from math import acos, cos, pi, sin
 from pathlib import Path
@@ -28,8 +28,11 @@ Reflectance = Callable[[float, float, float], float]
 """The radiance factor by the angles of incidence, emergence and phase, in radians."""
 
 
-def main(folder: Path) -> None:
-    """Render the scene of a folder."""
+def main() -> None:
+    """Render the scene of the folder that the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
     mi.set_variant("scalar_rgb")
     lighting = Lighting(**json.loads((folder / "scene.json").read_text()))
     mi.register_bsdf("law", _law_bsdf(_reflectance(lighting)))
@@ -176,4 +179,4 @@ def _dot(first: Any, second: Any) -> float:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()
