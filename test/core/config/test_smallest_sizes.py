@@ -9,7 +9,6 @@ import pytest
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError
 
-
 LAYER = {"label": "gravel", "semantic_id": 1}
 
 

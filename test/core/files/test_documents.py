@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -336,7 +337,7 @@ def test_the_largest_whole_numbers_are_floats() -> None:
 
 
 NINES = "9" * 390
-READERS = {
+READERS: dict[str, tuple[Callable[[Path], object], str]] = {
     "transforms.json": (
         read_pose_table,
         f'{{"frames": [{{"transform_matrix": [[{NINES}, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}]}}',
