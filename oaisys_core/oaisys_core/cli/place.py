@@ -56,7 +56,7 @@ def info(
     from oaisys_core.geometry import places
     from oaisys_core.procedural.terrain.dem import import_dem
 
-    imported = import_dem(_dem(file), "file")
+    imported = import_dem(_dem(file))
     place = imported.georeference
     if place is None:
         expected = "an elevation model with a reference system, and pixels of its own size"

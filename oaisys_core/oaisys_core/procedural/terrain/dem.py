@@ -23,6 +23,9 @@ from oaisys_core.types import FloatArray, Georeference
 
 LOG = logging.getLogger(__name__)
 
+_FIELD = "stage.dem"
+"""Name of the configuration field in errors."""
+
 
 @dataclass(frozen=True)
 class ImportedGround:
@@ -44,24 +47,23 @@ class ImportedGround:
     georeference: Georeference | None = None
 
 
-def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
+def import_dem(config: DemConfig) -> ImportedGround:
     """Return the ground of a file, centred on the origin, with north along +y.
 
     Args:
         config: The file, and what it does not say itself.
-        field: Name of the configuration field in errors.
 
     Raises:
         InvalidInputError: The file cannot be read or used, or does not define its pixel size.
     """
-    model = read_model(config, field)
-    reference = _reference(model, config, field)
+    model = read_model(config, _FIELD)
+    reference = _reference(model, config, _FIELD)
     missing = find_missing(model.values, config.nodata)
     if missing.all():
-        raise InvalidInputError(f"{field}.file", str(config.file), "an image with heights in it")
-    factor_m, zero_m = _height_factor(model, reference, missing, config, field)
+        raise InvalidInputError(f"{_FIELD}.file", str(config.file), "an image with heights in it")
+    factor_m, zero_m = _height_factor(model, reference, missing, config, _FIELD)
     if config.nodata != "none":
-        check_for_voids(model.values[~missing], factor_m, field)
+        check_for_voids(model.values[~missing], factor_m, _FIELD)
     holes, filled_px = _tell_holes(missing, config.file)
     height_m = np.where(missing, 0.0, model.values) * factor_m + zero_m
     offset_m = config.offset_m
@@ -72,9 +74,9 @@ def import_dem(config: DemConfig, field: str = "stage.dem") -> ImportedGround:
     height_m += offset_m
     if config.position_m[2]:
         height_m += config.position_m[2]
-    placed = place_on_ground(height_m, model.transform, reference, config, field)
+    placed = place_on_ground(height_m, model.transform, reference, config, _FIELD)
     height_m, step_m, place = placed
-    _check_range(height_m, field)
+    _check_range(height_m, _FIELD)
     rows, cols = height_m.shape
     x_m, y_m, _ = config.position_m
     origin_m = (x_m - (cols - 1) * step_m / 2, y_m - (rows - 1) * step_m / 2)

@@ -299,6 +299,7 @@ def _grid(**header: str) -> bytes:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
+        ("empty.tif", b"", "stage.dem.file: received"),
         ("empty.tif", b"", "it is empty"),
         ("array.npz", b"PK\x03\x04 an archive", "writes an array as a GeoTIFF"),
         ("nan.asc", _grid(xllcorner="nan", cellsize="1e400"), "finite"),
