@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
 
+from oaisys_core.errors import one_line
 from oaisys_core.system.fallbacks import report_fallback
 
 LOGGER = "rasterio._err"
@@ -26,7 +27,7 @@ _ERROR = "GDAL signalled an error"
 
 @dataclass
 class GdalMessages:
-    """The texts of errors and of warnings."""
+    """The texts of errors and of warnings, each in a line."""
 
     errors: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -63,10 +64,11 @@ def _note(record: logging.LogRecord) -> bool:
     found = _listening.get()
     if found is not None:
         # The text is the last of what rasterio formats.
-        text = str(record.args[-1] if isinstance(record.args, tuple) and record.args else "")
+        last = record.args[-1] if isinstance(record.args, tuple) and record.args else ""
+        text = one_line(str(last))
         is_error = record.levelno >= logging.ERROR or str(record.msg).startswith(_ERROR)
         if is_error:
-            found.errors.append(" ".join(text.split()))
+            found.errors.append(text)
         elif record.levelno == logging.WARNING:
-            found.warnings.append(" ".join(text.split()))
+            found.warnings.append(text)
     return record.levelno >= logging.getLogger("rasterio").getEffectiveLevel()

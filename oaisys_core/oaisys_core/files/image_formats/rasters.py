@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.errors import LONGEST_QUOTE, InvalidInputError, one_line
+from oaisys_core.errors import LONGEST_QUOTE, InvalidInputError
 from oaisys_core.files.image_formats.image_use import BYTES_PER_PIXEL, ImageUse
 from oaisys_core.files.image_formats.images import check_pictures, read_file
 from oaisys_core.private.gdal_messages import GdalMessages, gdal_messages
@@ -190,7 +190,7 @@ def _damage(messages: GdalMessages, driver: str) -> str:
     told = messages.errors
     if driver in _WARNING_IS_DAMAGE:
         told = told + messages.warnings
-    return one_line(told[0])[:LONGEST_QUOTE] if told else ""
+    return told[0][:LONGEST_QUOTE] if told else ""
 
 
 def _name_in_memory(name: str) -> str:

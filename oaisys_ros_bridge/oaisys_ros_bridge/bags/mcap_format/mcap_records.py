@@ -170,7 +170,7 @@ def printable(name: str) -> str:
 
 
 def list_names(names: Iterable[str]) -> str:
-    """Return names from a file in their order, of many only the first."""
+    """Return names from a file, sorted; of many only the first."""
     ordered = sorted(names)
     shown = ", ".join(map(printable, ordered[:MOST_LISTED]))
     more = len(ordered) - MOST_LISTED
