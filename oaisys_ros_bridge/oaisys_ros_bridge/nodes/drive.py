@@ -13,7 +13,13 @@ from rclpy.task import Future
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError
-from oaisys_core.system.ending.signals import RECEIVED, interrupt_at_signals, raise_if_received
+from oaisys_core.system.ending.signals import (
+    RECEIVED,
+    end_at_signal,
+    ignore_signals,
+    interrupt_at_signals,
+    raise_if_received,
+)
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.bags.recorder_client import RecorderClient
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
@@ -137,9 +143,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"drive: {error}\n")
         code = 2 if isinstance(error, InvalidInputError) else 1
     except KeyboardInterrupt:
+        ignore_signals()
         sys.stderr.write("drive: interrupted before it began\n")
     return 128 + RECEIVED[0] if RECEIVED else code
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    exit_code = main()
+    if RECEIVED:
+        # At Python's end the middleware's threads abort a client that was interrupted while made.
+        end_at_signal(RECEIVED[0])
+    ignore_signals()
+    sys.exit(exit_code)
