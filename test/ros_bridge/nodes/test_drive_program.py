@@ -7,7 +7,8 @@ import subprocess
 import sys
 
 import pytest
-from ros_peer import PATIENCE_S, Stage
+from ros_peer import Stage
+from waiting import PATIENCE_S
 
 from oaisys_ros_bridge.nodes.drive import READY
 
