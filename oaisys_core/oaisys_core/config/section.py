@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import hypot, inf, isfinite
 from typing import Annotated, Any, get_args
@@ -67,8 +68,15 @@ Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 def _pair(value: Any) -> Any:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return (value, value) if is_number else value
+    """Return a number twice, also one that YAML 1.1 takes for text, such as ``1e3``."""
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value, value
+    if isinstance(value, list | tuple):
+        return value
+    raise ValueError("expected a number or [least, most]")
 
 
 def _in_order(value: tuple[float, float]) -> tuple[float, float]:
@@ -117,7 +125,13 @@ class Within:
 
     def _check(self, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] < self.least or value[1] > self.most:
-            raise ValueError(f"expected numbers from {self.least:g} to {self.most:g}")
+            is_open = self.most == inf
+            bounds = (
+                f"of at least {self.least:g}"
+                if is_open
+                else f"from {self.least:g} to {self.most:g}"
+            )
+            raise ValueError(f"expected numbers {bounds}")
         return value
 
 
@@ -150,6 +164,9 @@ class ByKind:
 
 
 NotNegative = Annotated[Range, Within(least=0.0)]
+
+Brightness = Annotated[Range, Within(0.0, 1e6)]
+"""Range of irradiances, or of factors on radiance: pictures add them up in float32."""
 
 MAX_LEVELS = 10
 """Semantic levels: ``semantic_0`` to ``semantic_9``."""

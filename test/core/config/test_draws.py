@@ -23,6 +23,7 @@ from oaisys_core.config import (
 from oaisys_core.config.draws import WORLD
 from oaisys_core.config.worlds import WorldSeeds, draw_world
 from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.files.yaml_documents import parse_yaml
 from oaisys_core.world.config_files import name_faults
 
 Json = dict[str, Any]
@@ -193,6 +194,21 @@ def _as_choices(value: Any) -> Any:
 def test_what_cannot_be_drawn_is_refused_at_its_place(data: Json, expected: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(expected)):
         config_from_mapping(data)
+
+
+@pytest.mark.parametrize("text", ["1e3", "1.0e3", "-.5", "[1e0, 2e0]"])
+def test_numbers_that_yaml_1_1_takes_for_text_are_those_of_a_range(text: str) -> None:
+    section = parse_yaml(f"environment: {{sun_azimuth_deg: {text}}}")
+    expected = json.loads(text.replace("-.", "-0."))
+    found = config_from_mapping(section).environment.sun_azimuth_deg
+    assert found == (tuple(expected) if isinstance(expected, list) else (expected, expected))
+
+
+@pytest.mark.parametrize("value", ["abc", None, {"a": 1}, "1e3x"])
+def test_what_is_no_range_is_told_what_a_range_is(value: object) -> None:
+    expected = rf"sky_strength: received {re.escape(repr(value))}, expected a number or \[least"
+    with pytest.raises(ConfigError, match=expected):
+        config_from_mapping({"environment": {"sky_strength": value}})
 
 
 @pytest.mark.parametrize("least_most", [[-1e308, 1e308], [0, 10**399]], ids=["inf", "1e399"])

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from oaisys_core.config.section import (
     MAX_LEVELS,
+    Brightness,
     LabelConfig,
     Labelled,
     LabelText,
@@ -75,7 +76,7 @@ class HdriImageConfig(Labelled):
     """
 
     file: ConfigFile
-    strength: NotNegative | None = None
+    strength: Brightness | None = None
     rotation_deg: Turn | None = None
     labels_from: tuple[SkyLabelsConfig, ...] = ()
     label: LabelText = "sky"
@@ -100,7 +101,7 @@ class HdriConfig(Section):
     folder: ConfigFolder | None = None
     choose: Literal["random", "shuffle", "cycle"] = "random"
     use: str | None = None
-    strength: NotNegative = (1.0, 1.0)
+    strength: Brightness = (1.0, 1.0)
     rotation_deg: Turn = (0.0, 0.0)
     keep_sun: bool = False
 
@@ -215,13 +216,13 @@ class EnvironmentConfig(Section):
 
     sun_elevation_deg: Annotated[Range, Within(-90.0, 90.0)] = (38.0, 38.0)
     sun_azimuth_deg: Turn = (125.0, 125.0)
-    sun_strength_w_m2: NotNegative = (4.0, 4.0)
+    sun_strength_w_m2: Brightness = (4.0, 4.0)
     sun_angular_diameter_deg: Annotated[Range, Within(0.0, 90.0)] | None = None
-    sun_disc: NotNegative = (0.0, 0.0)
+    sun_disc: Brightness = (0.0, 0.0)
     sun_from_time: SunFromTimeConfig | None = None
     sun_distance_au: Annotated[float, Field(ge=0.01, le=1000)] | None = None
     sky: SkyConfig = SkyConfig()
-    sky_strength: NotNegative = (1.0, 1.0)
+    sky_strength: Brightness = (1.0, 1.0)
     air: Density = (1.0, 1.0)
     dust: Density = (1.0, 1.0)
     ozone: Density = (1.0, 1.0)
