@@ -49,9 +49,10 @@ EXIT_INVALID_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 IN_CHILD = frozenset(
-    {"audit", "certificate", "dataset", "drive", "evaluate", "heights", "render", "repeat"}
+    {"audit", "certificate", "dataset", "drive", "evaluate", "heights", "place", "render", "repeat"}
 )
-"""Commands that work in a child process, see `oaisys_core.system.ending.signals`."""
+"""Commands that work in a child process, see `oaisys_core.system.ending.signals`: what takes long
+may be inside of a library, which heeds no signal."""
 
 WITH_HANDLERS = frozenset({"explore", "live", "record", "serve", "survey", "view"})
 """Commands that start and end processes of their own, or nodes, and handle signals themselves.

@@ -86,7 +86,8 @@ class SampleWriter:
         Rows of later samples are removed; their files will be overwritten.
 
         Raises:
-            InvalidInputError: There is no run, or its configuration differs.
+            InvalidInputError: There is no run, its configuration differs, or one of its folders is
+                a link, which leads out of it.
         """
         path = self._out / CONFIG
         if not path.is_file():
@@ -94,6 +95,9 @@ class SampleWriter:
         if path.read_text(encoding="utf-8") != config_text(config):
             expected = f"a run with this configuration; that in {path} differs"
             raise InvalidInputError("out", str(self._out), expected)
+        for each in (*self._out.glob("batch_*"), *self._out.glob("batch_*/*")):
+            if each.is_symlink():
+                raise InvalidInputError("out", str(each), "a folder or file of the run, not a link")
         state: dict[str, Any] | None = None
         if (self._out / STATE).is_file():
             state = _check_state(read_json(self._out / STATE), self._out / STATE)

@@ -44,3 +44,18 @@ def test_a_configuration_that_is_refused_leaves_no_folder(tmp_path: Path) -> Non
     refused = CliRunner().invoke(app, ["render", "--config", str(config), "--out", str(out)])
     assert "render.passes.0: received 'disparity'" in str(refused.exception)
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("link", ["batch_0002", "batch_0001/camera"])
+def test_a_run_is_not_continued_through_a_link(tmp_path: Path, link: str) -> None:
+    config, out, elsewhere = tmp_path / "world.yaml", tmp_path / "out", tmp_path / "elsewhere"
+    config.write_text(yaml.safe_dump(WORLD), encoding="utf-8")
+    run = ["render", "--config", str(config), "--out", str(out), "--backend", "analytic"]
+    assert CliRunner().invoke(app, run).exit_code == 0
+    elsewhere.mkdir()
+    if (out / link).exists():
+        (out / link).rename(out / f"{link}_before")
+    (out / link).symlink_to(elsewhere)
+    refused = CliRunner().invoke(app, [*run, "--batches", "2", "--resume"])
+    assert "expected a folder or file of the run, not a link" in str(refused.exception)
+    assert list(elsewhere.iterdir()) == []

@@ -28,19 +28,15 @@ STILL = {"materials", "stage", "textures"}
 """Topics whose second sample would show what the first one does."""
 
 IN_BLENDER = {
-    *("assets_files", "assets_rover", "assets_vegetation", "assets_water"),
-    *("environment_clouds", "environment_haze", "environment_hdri", "environment_lamps"),
-    *("environment_moon", "environment_overcast", "environment_sky"),
-    *("materials_anti_tiling", "materials_displacement", "materials_label_image"),
-    *("materials_snow", "passes_all"),
-    *("render_dof_motion_blur", "render_effects", "render_exposure", "render_samples"),
-    *("sensors_distortion", "sensors_fisheye", "sensors_lens", "sensors_rolling_shutter"),
-    *("sensors_stereo", "stage_canyon", "stage_dem", "stage_detail", "stage_mesh"),
-    *("stage_river_bed", "textures_alive", "world_moon", "world_vegetation"),
+    *("assets_files", "assets_vegetation", "environment_clouds", "environment_hdri"),
+    *("environment_lamps", "materials_anti_tiling", "materials_label_image", "passes_all"),
+    *("render_dof_motion_blur", "render_effects", "sensors_rolling_shutter", "sensors_stereo"),
+    *("stage_mesh", "stage_river_bed", "textures_alive"),
 }
-"""One of each kind of scene. The others differ in what both backends are given alike, such as the
-heights of a preset or the poses of a motion: the analytic backend shows it at a fifth of the cost,
-and `make soak` renders them in Blender, too."""
+"""One of each kind of scene of which no test of the Blender backend renders what a configuration
+makes of it. The others differ in what both backends are given alike, such as the heights of a
+preset or the poses of a motion: the analytic backend shows it at a fifth of the cost, and `make
+soak` renders them in Blender, too."""
 
 
 def check(name: str, samples: int, found: dict[str, Any]) -> None:

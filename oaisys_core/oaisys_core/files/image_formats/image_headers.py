@@ -9,6 +9,7 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from itertools import islice
 from math import ceil
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ _TAGS = {
 }
 _TIFF_VALUES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 _MAX_SEGMENTS = 4096
+"""Of a JPEG, and chunks of a PNG before its pixels: decoders keep what each of them says."""
 _MAX_SAMPLES = 4
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -208,14 +210,19 @@ def tiff_header(data: bytes) -> TiffHeader:
 def _png(data: bytes) -> tuple[int, int]:
     if data[12:16] != b"IHDR":
         raise ValueError("its header is damaged")
+    if next(islice(png_chunks(data), _MAX_SEGMENTS, None), None):
+        raise ValueError(f"it has more than {_MAX_SEGMENTS} chunks before its pixels")
     return struct.unpack(">II", data[16:24])
 
 
 def _jpeg(data: bytes) -> tuple[int, int]:
     """Return the size in the one frame of a JPEG file; its segments before the pixels are read."""
-    place, sizes = 2, []
+    place, sizes, segments = 2, [], 0
     while True:
-        place = data.index(b"\xff", place) if b"\xff" in data[place:] else len(data)
+        place = data.find(b"\xff", place)
+        segments += 1
+        if place < 0 or segments > _MAX_SEGMENTS:
+            raise ValueError(f"it has no pixels, or more than {_MAX_SEGMENTS} segments before them")
         while data[place] == 0xFF:
             place += 1
         marker = data[place]

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import ceil
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from oaisys_core.errors import LONGEST_QUOTE, InvalidInputError
 from oaisys_core.files.image_formats.image_use import BYTES_PER_PIXEL, ImageUse
 from oaisys_core.files.image_formats.images import check_pictures, read_file
+from oaisys_core.files.image_formats.raster_records import check_records
 from oaisys_core.private.gdal_messages import GdalMessages, gdal_messages
 
 MAX_BANDS = 64
@@ -47,6 +49,7 @@ _HGT_NAME = re.compile(r"[NS]\d{2}[EW]\d{3}", re.IGNORECASE)
 _LABEL_BYTES = 1_000_000
 _POINTER = re.compile(rb"\^\s*(?!DATA_SET_MAP_PROJECTION|DESCRIPTION)\w+\s*=\s*([^\r\n]*)")
 """Says where pixels are; the two others name documents, which nobody reads."""
+_LABEL_END = re.compile(rb"^[ \t]*end[\s\0]", re.IGNORECASE | re.MULTILINE)
 _PLACE_IN_FILE = re.compile(rb"\d+\s*(<BYTES>)?\s*(/\*.*)?")
 
 # In memory GDAL finds no neighbours, and the file's name, such as GTIFF_DIR:…, means nothing.
@@ -120,6 +123,7 @@ def open_raster(
     if not data:  # which rasterio would take for a file to write
         raise use.refusal(shown, ValueError("it is empty"))
     _check_alone(data, use, shown)
+    _check_header(data, use, shown)
     if use.is_of_numbers:  # of pictures, whoever decodes them tells
         check_pictures(data, use, shown)
     with (
@@ -148,6 +152,9 @@ def open_large_geotiff(path: Path, use: ImageUse) -> Iterator[Any]:
 
     if not path.is_file():
         raise use.refusal(str(path), FileNotFoundError("no regular file"))
+    if path.stat().st_size:
+        with path.open("rb") as opened, mmap(opened.fileno(), 0, access=ACCESS_READ) as data:
+            _check_header(data, use, str(path))
     with (
         _refuse_errors(use, str(path)),
         rasterio.Env(**_ALONE, GDAL_CACHEMAX=CACHE_BYTES),
@@ -214,10 +221,21 @@ def _check_alone(data: bytes, use: ImageUse, name: str) -> None:
     label = data[:_LABEL_BYTES]
     if not re.match(rb"\s*(?:PDS_VERSION_ID|Object\s*=\s*IsisCube|CCSD|NJPL|ODL)", label):
         return
+    if not _LABEL_END.search(label):  # GDAL compares each of its keys with all before it
+        expected = f"{use.name} whose label ends within its first {_LABEL_BYTES} bytes"
+        raise InvalidInputError(use.field, name, expected)
     pointers = [found[1].strip() for found in _POINTER.finditer(label)]
     if b"COMPRESSED_FILE" in label or not all(map(_PLACE_IN_FILE.fullmatch, pointers)):
         expected = f"{use.name} with its pixels behind its label, not in another file; {convert}"
         raise InvalidInputError(use.field, name, expected)
+
+
+def _check_header(data: bytes | mmap, use: ImageUse, name: str) -> None:
+    """Raise if GDAL would take minutes over a header."""
+    try:
+        check_records(data)
+    except ValueError as error:
+        raise use.refusal(name, error) from error
 
 
 def _is_hdf5(data: bytes) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from mmap import mmap
 from typing import NamedTuple
 
 MAX_TAGS = 4096
@@ -25,7 +26,7 @@ class TiffDirectory(NamedTuple):
     places: range
 
 
-def tiff_directories(data: bytes) -> Iterator[TiffDirectory]:
+def tiff_directories(data: bytes | mmap) -> Iterator[TiffDirectory]:
     """Yield the directories of a TIFF file in their order.
 
     Raises:
