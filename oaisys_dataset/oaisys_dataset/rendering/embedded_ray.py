@@ -37,6 +37,9 @@ starts are not ready in 15 seconds, which cannot be set; they need 3 seconds of 
 FOLDER = "oaisys_ray_"
 """How the name of Ray's temporary folder begins."""
 
+INNER = "r"
+"""The folder in it that Ray is given: Ray lets every user write to that one."""
+
 LONGEST_SOCKET_BYTES = len("/session_2026-01-01_00-00-00_000000_4194304/sockets/plasma_store.12")
 """Of the paths of Ray's sockets in its folder; the number before them is a process's, and a second
 try has another ending."""
@@ -55,7 +58,7 @@ def embed_ray(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
         _start(ray, folder, settings, address, workers)
         try:
             check_gpus(ray, settings)
-            yield folder
+            yield folder / INNER
         finally:
             ray.shutdown()
 
@@ -71,7 +74,7 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
             with _temporary_files_in(folder):
                 start_in(
                     ray,
-                    folder,
+                    folder / INNER,
                     workers * settings.memory_bytes,
                     address=address,
                     num_cpus=workers,
@@ -81,13 +84,13 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
                     logging_level=logging.ERROR,
                 )
         except Exception as error:  # Ray raises this very class if its daemons take too long
-            logs = "" if left else keep_logs(folder)
+            logs = "" if left else keep_logs(folder / INNER)
             ray.shutdown()
             session_guard.clear(folder)
             if not left:
                 raise OaisysError(f"Ray could not be started: {error}{logs}") from error
             _log.warning("Ray did not start, another try follows: %s", error)
-            folder.mkdir(exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
         else:
             return
 
@@ -146,7 +149,7 @@ def _text(path: Path) -> str:
 @contextmanager
 def _guard_folder() -> Iterator[Path]:
     """Yield a folder for Ray; at its end, or if this process dies, all that uses it is ended."""
-    parent = socket_parent(len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES)
+    parent = socket_parent(len(f"/{FOLDER}12345678/{INNER}") + LONGEST_SOCKET_BYTES)
     with temporary_folder(FOLDER, parent) as folder, _guard(folder):
         yield folder
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import stat
 import tempfile
 from pathlib import Path
 
@@ -11,9 +12,9 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits, socket_parent
-from oaisys_dataset.rendering.embedded_ray import FOLDER, LONGEST_SOCKET_BYTES
+from oaisys_dataset.rendering.embedded_ray import FOLDER, INNER, LONGEST_SOCKET_BYTES
 
-BELOW_BYTES = len(f"/{FOLDER}12345678") + LONGEST_SOCKET_BYTES
+BELOW_BYTES = len(f"/{FOLDER}12345678/{INNER}") + LONGEST_SOCKET_BYTES
 
 
 @pytest.mark.parametrize("letters", range(10, 111))
@@ -81,7 +82,9 @@ def test_ray_starts_at_the_lengths_at_which_it_failed(
         with ray_session(RaySettings(workers=1, memory_gb=0.5)) as session:
             assert session.folder is not None
             assert list(session.folder.glob("session_2*/sockets/plasma_store"))
-        assert not session.folder.exists()
+            # Ray opens its own folder to every user, so it is in one that is not.
+            assert stat.S_IMODE(session.folder.parent.stat().st_mode) == 0o700
+        assert not session.folder.parent.exists()
         assert not list(folder.iterdir())
     finally:
         folder.rmdir()
