@@ -19,6 +19,9 @@ _RANGES = {
 }
 """The whole numbers that a type of a .ply file holds."""
 
+MAX_PARTS = 4096
+"""Parts of a file, which each cost up to a millisecond: solids, groups, instances, libraries."""
+
 Range = tuple[int, int]
 
 
@@ -128,12 +131,12 @@ _WORDS = frozenset(word.partition(" ")[0] for word in _NEXT)
 
 
 def check_stl_text(path: Path) -> None:
-    """Raise if a text has a solid, facet or loop that is not whole.
+    """Raise if a text has a solid, facet or loop that is not whole, or too many solids.
 
     Raises:
         ValueError: What is expected and found, with the line.
     """
-    state, line = "", 0
+    state, line, solids = "", 0, 0
     with path.open("rb") as file:
         for line, row in enumerate(file, 1):
             words = row.split()
@@ -145,6 +148,9 @@ def check_stl_text(path: Path) -> None:
             if following is None:
                 allowed = " or ".join(each.split()[0] for each in _NEXT[state])
                 raise ValueError(f"{allowed} after {state or 'nothing'}, not {word}: line {line}")
+            if word == "solid":
+                solids += 1
+                check_parts(solids, f"solids (line {line}): join them")
             if word == "vertex":
                 if len(words) != 4:
                     raise ValueError(f"three coordinates of a vertex: line {line}")
@@ -154,3 +160,13 @@ def check_stl_text(path: Path) -> None:
     if state != "endsolid":
         expected = f"{' or '.join(_NEXT[state])} after {state}"
         raise ValueError(f"{expected}, not its end in line {line} (is it truncated?)")
+
+
+def check_parts(count: int, what: str) -> None:
+    """Raise if a file has too many parts of a kind.
+
+    Raises:
+        ValueError: With the bound, and what they are.
+    """
+    if count > MAX_PARTS:
+        raise ValueError(f"at most {MAX_PARTS} {what}")

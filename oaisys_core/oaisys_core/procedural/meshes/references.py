@@ -22,6 +22,9 @@ IMAGE_SUFFIXES = frozenset(
     )
 )
 
+MOST_NAMES = 5
+"""Names in a warning."""
+
 LACKING = "what it colours has a plain colour"
 
 
@@ -35,16 +38,25 @@ class FileReferences:
     def __init__(self, file: Path, field: str) -> None:
         self._file, self._field = file, field
         self.refused: InvalidInputError | None = None
+        self._missing: dict[str, None] = {}
+
+    def place(self, name: str) -> Path:
+        """Return where a file lies, links resolved: the same for all spellings of its name.
+
+        Raises:
+            InvalidInputError: It lies elsewhere.
+        """
+        return resolve_reference(self._file, str(name), self._field).resolve()
 
     def get(self, name: str) -> bytes:
-        """Return the content of a file; the log says which one is missing.
+        """Return the content of a file; `tell_missing` says which ones are not there.
 
         Raises:
             InvalidInputError: It lies elsewhere, or is too large.
             OSError: It is not there.
         """
         try:
-            path = resolve_reference(self._file, str(name), self._field)
+            path = self.place(name)
             data = self._content(path)
             if path.suffix.lower() in IMAGE_SUFFIXES:
                 check_texture(data, str(path))
@@ -52,9 +64,20 @@ class FileReferences:
             self.refused = self.refused or error
             raise
         except OSError:
-            LOG.warning("%s: %r, which it refers to, is missing: %s", self._file, name, LACKING)
+            self._missing[str(name)] = None
             raise
         return data
+
+    def tell_missing(self) -> None:
+        """Log in one line the files that are not there; of many, the first suffice."""
+        if not self._missing:
+            return
+        count = len(self._missing)
+        shown = ", ".join(map(repr, list(self._missing)[:MOST_NAMES]))
+        if count > 1:
+            shown += f"{', …' if count > MOST_NAMES else ''} ({count})"
+        verb = "is" if count == 1 else "are"
+        LOG.warning("%s: %s, which it refers to, %s missing: %s", self._file, shown, verb, LACKING)
 
     def find(self, name: str) -> bytes | None:
         """Return the content of a file likewise; None: it is not there."""

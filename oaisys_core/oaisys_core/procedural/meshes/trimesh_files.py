@@ -68,6 +68,7 @@ def load_by_trimesh(
         raise InvalidInputError(field, str(path), f"at most {MAX_VERTICES} triangles, not {count}")
     try:
         found = list(_parts(scene, path, references))
+        references.tell_missing()
         if path.suffix.lower() == ".stl":
             _check_facets(path, count)
     except (ValueError, KeyError, IndexError, TypeError) as error:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from oaisys_core.color import encode_srgb
 from oaisys_core.errors import InvalidInputError, show_field
 from oaisys_core.files.mesh_formats.mesh_headers import MAX_VERTICES, inner_images, read_gltf
+from oaisys_core.files.mesh_formats.mesh_texts import check_parts
 from oaisys_core.procedural.meshes.gltf_format.gltf_accessors import Accessors
 from oaisys_core.procedural.meshes.gltf_format.gltf_materials import GltfMaterials
 from oaisys_core.procedural.meshes.gltf_format.gltf_nodes import Node, node_name, nodes_with_meshes
@@ -77,6 +78,7 @@ def load_gltf(path: Path, object_name: str | None, field: str) -> list[LoadedMes
         _check_size(document, chosen)
         primitives = _Primitives(document, accessors, materials)
         parts = [part for index, T, _ in chosen for part in primitives.of_node(index, T)]
+        references.tell_missing()
         _tell_unused(document, materials, path)
     except (ArithmeticError, AttributeError, LookupError, OSError, TypeError, ValueError) as error:
         expected = f"a glTF file that can be read ({type(error).__name__}: {error})"
@@ -122,10 +124,13 @@ def _is_named(document: Mapping[str, Any], node: Node, name: str | None) -> bool
 
 
 def _check_size(document: Mapping[str, Any], nodes: Sequence[Node]) -> None:
-    """Raise if the instances of meshes have too many triangles."""
+    """Raise if the instances of meshes have too many primitives or triangles."""
+    meshes = [document["meshes"][document["nodes"][index]["mesh"]] for index, _, _ in nodes]
+    primitives = sum(len(mesh["primitives"]) for mesh in meshes)
+    check_parts(primitives, f"primitives, each instance counts, not {primitives}: join them")
     corners = 0
-    for index, _, _ in nodes:
-        for primitive in document["meshes"][document["nodes"][index]["mesh"]]["primitives"]:
+    for mesh in meshes:
+        for primitive in mesh["primitives"]:
             accessor = primitive.get("indices", primitive["attributes"].get("POSITION"))
             if accessor is not None:
                 corners += int(document["accessors"][accessor]["count"])

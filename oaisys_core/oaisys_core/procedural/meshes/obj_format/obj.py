@@ -37,9 +37,11 @@ def load_obj(path: Path, object_name: str | None, field: str) -> list[LoadedMesh
     """
     try:
         statements = ObjStatements(read_bytes(path, MAX_TEXT_BYTES))
-        found = list(_Parts(statements, path, FileReferences(path, field)))
+        references = FileReferences(path, field)
+        found = list(_Parts(statements, path, references))
     except (OSError, ValueError) as error:
         raise InvalidInputError(field, str(path), f"a .obj file of {error}") from error
+    references.tell_missing()
     if statements.unknown:
         names = ", ".join(quote(name) for name in statements.unknown)
         LOG.warning("%s: lines that begin with %s are not read", path, names)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import linear
 from oaisys_core.errors import show_field
+from oaisys_core.files.mesh_formats.mesh_texts import check_parts
 from oaisys_core.procedural.meshes.cut_outs import cut_out
 from oaisys_core.procedural.meshes.loaded import decode_texture, multiply_image
 from oaisys_core.procedural.meshes.obj_format.mtl_statements import (
@@ -20,7 +21,7 @@ from oaisys_core.procedural.meshes.obj_format.mtl_statements import (
     MtlStatements,
     TextureMap,
 )
-from oaisys_core.procedural.meshes.references import FileReferences
+from oaisys_core.procedural.meshes.references import MOST_NAMES, FileReferences
 from oaisys_core.scene import MeshMaterial, Wrap
 from oaisys_core.types import FloatArray
 
@@ -29,9 +30,6 @@ LOG = logging.getLogger(__name__)
 WHITE = (1.0, 1.0, 1.0)
 PLAIN_SRGB = (0.8, 0.8, 0.8)
 """Colour of a material without ``Kd``, which is Blender's."""
-
-MOST_NAMES = 5
-"""Names in a warning."""
 
 
 class ObjMaterial(NamedTuple):
@@ -64,10 +62,10 @@ class ObjMaterials:
             used: Names of the materials that it uses.
         """
         self._path, self._references = path, references
-        self._libraries: set[str] = set()
+        self._libraries: set[Path] = set()
         self._texts: dict[str, MtlMaterial] = {}
         self._found: dict[str, ObjMaterial] = {}
-        self._images: dict[str, Any] = {}
+        self._images: dict[Path, Any] = {}
         for line in libraries:
             self._read_library(line)
         missing = [name for name in used if name not in self._texts]
@@ -87,8 +85,10 @@ class ObjMaterials:
         if len(names) > 1 and self._references.peek(line) is not None:
             names = [line]
         for name in names:
-            content = None if name in self._libraries else self._references.find(name)
-            self._libraries.add(name)
+            place = self._references.place(name)
+            content = None if place in self._libraries else self._references.find(name)
+            self._libraries.add(place)
+            check_parts(len(self._libraries), "material libraries: join them")
             if content is not None:
                 found = MtlStatements(content, show_field(name))
                 _tell(self._path, f"{found.file}: lines that are not read", list(found.unknown))
@@ -133,10 +133,11 @@ class ObjMaterials:
             LOG.warning("%s: map_d lies as map_Kd does: %s", where, opacity.where)
 
     def _image(self, file: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None:
-        if file not in self._images:
+        place = self._references.place(file)
+        if place not in self._images:
             data = self._references.find(file)
-            self._images[file] = None if data is None else decode_texture(data, file)
-        found: tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None = self._images[file]
+            self._images[place] = None if data is None else decode_texture(data, file)
+        found: tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None = self._images[place]
         return found
 
     def _opacity(self, texture: TextureMap) -> NDArray[np.uint8] | None:

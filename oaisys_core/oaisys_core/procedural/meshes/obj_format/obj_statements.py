@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import quote
 from oaisys_core.files.mesh_formats.mesh_headers import MAX_VERTICES
+from oaisys_core.files.mesh_formats.mesh_texts import check_parts
 from oaisys_core.files.numbers import check_digits
 from oaisys_core.types import FloatArray
 
@@ -177,9 +178,11 @@ class ObjStatements:
         name = name_text(value)
         if key == b"mtllib":
             self.libraries[file_name(value)] = None
+            check_parts(len(self.libraries), f"material libraries (line {line}): join them")
         elif key == b"usemtl":
             self._material = name
             self.materials[name] = None
+            check_parts(len(self.materials), f"materials (line {line}): merge them")
         elif key == b"o":
             self._object = name
         elif key in REFUSED:
@@ -227,6 +230,7 @@ class ObjStatements:
             raise ValueError("a face with texture coordinates at all corners or at none")
         group = FaceGroup(self._object, self._material, not lacking)
         self._group_of.append(self._groups.setdefault(group, len(self._groups)))
+        check_parts(len(self._groups), "objects and materials: join them")
         self._counts.append(count)
         self._lines.append(line)
         self._before.extend(self._totals)
