@@ -47,6 +47,9 @@ READER_MEMORY_BYTES = 8_000_000_000
 SLOW_S = 2.0
 """A file that is refused after so long is refused at once from then on."""
 
+MOST_WARNINGS = 20
+"""Of a file."""
+
 MAX_REFUSED = 64
 LOOK_S = 0.05
 _refused: OrderedDict[Version, str] = OrderedDict()
@@ -77,10 +80,16 @@ def load_by_blender(path: Path, object_name: str | None, field: str) -> LoadedMe
         return [str(name) for name in found["names"].tolist()]
     if "random" in found:
         raise InvalidInputError(field, str(path), str(found["random"]))
+    if "invalid" in found:
+        expected = f"a {path.suffix} file with {found['invalid']}"
+        raise InvalidInputError(field, str(path), expected)
     if "importer" in found:
         raise BackendUnavailableError(f"{field}: {path}: {found['importer']}")
-    for text in found["warnings"].tolist():
+    told = found["warnings"].tolist()
+    for text in told[:MOST_WARNINGS]:
         LOG.warning("%s: %s", path, text)
+    if len(told) > MOST_WARNINGS:
+        LOG.warning("%s: %d more warnings", path, len(told) - MOST_WARNINGS)
     if max(len(found["vertices_m"]), len(found["triangles"])) > MAX_VERTICES:
         expected = f"at most {MAX_VERTICES} vertices and triangles, not {len(found['triangles'])}"
         raise InvalidInputError(field, str(path), expected)

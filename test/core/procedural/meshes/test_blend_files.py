@@ -305,6 +305,24 @@ def test_a_usd_file_that_refers_to_others_elsewhere_is_refused_by_name(
 
 
 @pytest.mark.blender
+@pytest.mark.parametrize("unit", ["-1", "0", "nan", "inf"])
+def test_a_usd_file_with_a_unit_that_is_no_length_is_refused(tmp_path: Path, unit: str) -> None:
+    text = USD.format(above=f"metersPerUnit = {unit}", of_prim="")
+    (tmp_path / "world.usda").write_text(text)
+    with pytest.raises(InvalidInputError, match=f"a metersPerUnit above 0, not {unit}"):
+        load_mesh(tmp_path / "world.usda")
+
+
+@pytest.mark.blender
+def test_points_that_are_no_numbers_are_told_as_such(tmp_path: Path) -> None:
+    """They differ from themselves, which was taken for a shape that is drawn anew."""
+    text = USD.format(above="", of_prim="").replace("(4, 0, 0)", "(nan, inf, 0)")
+    (tmp_path / "world.usda").write_text(text)
+    with pytest.raises(InvalidInputError, match="finite coordinates of at most 1e"):
+        load_mesh(tmp_path / "world.usda")
+
+
+@pytest.mark.blender
 def test_layers_beside_a_usd_file_are_read_and_missing_ones_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

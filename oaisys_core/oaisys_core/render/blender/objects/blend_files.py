@@ -5,15 +5,18 @@ Scripts and drivers of Python in the file are not run; what such a driver drives
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.files.mesh_formats.collada_texts import ColladaText
 from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
 from oaisys_core.procedural.meshes.checks import float32_step
@@ -21,7 +24,11 @@ from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
 from oaisys_core.render.blender.objects.blend_drivers import mute_python_drivers
 from oaisys_core.render.blender.objects.blend_materials import BlendMaterial, read_material
-from oaisys_core.render.blender.objects.usd_references import USD_SUFFIXES, references_of
+from oaisys_core.render.blender.objects.usd_references import (
+    USD_SUFFIXES,
+    check_unit,
+    references_of,
+)
 
 RANDOM_CELL = 1e-3
 """Size of the cells, in a texture's coordinates, of the noise that replaces random numbers."""
@@ -50,12 +57,20 @@ def read_by_blender(
         Arrays of `mesh_to_arrays`, and ``warnings``; or only ``names``, of the objects with
         triangles, if none has that name. Alone are also: ``outside``, the name of a file elsewhere
         to which it refers; ``random``, what would be expected of objects whose shape is drawn anew
-        each time; ``importer``, that Blender cannot read the format.
+        each time; ``importer``, that Blender cannot read the format; ``invalid``, what would be
+        expected of a file that Blender would read otherwise than it says.
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
     warnings: list[str] = []
-    for name, place in references_of(path, folders) if path.suffix.lower() in USD_SUFFIXES else ():
+    try:
+        references = list(_references(path, folders))
+    except ET.ParseError as error:
+        references = []
+        warnings.append(f"its images and indices are not checked ({error})")
+    except ValueError as error:
+        return {"invalid": np.array(str(error))}
+    for name, place in references:
         if "://" in name or not lies_within(place, folders):
             return {"outside": np.array(name)}
         if not place.exists() and "<UDIM>" not in name:
@@ -63,6 +78,7 @@ def read_by_blender(
     failed = _load(path)
     if failed is not None:
         return {"importer": np.array(failed)}
+    warnings += _unread_images(path, references)
     outside = _outside(path, folders)
     if outside is not None:
         return {"outside": np.array(outside)}
@@ -81,6 +97,33 @@ def read_by_blender(
     warnings += _left_out(chosen if object_name else list(bpy.context.scene.objects))
     texts = np.array(list(dict.fromkeys(warnings)), dtype=np.str_)
     return {**mesh_to_arrays(merge_parts(path.stem, parts)), "warnings": texts}
+
+
+def _references(path: Path, folders: tuple[Path, ...]) -> Iterator[tuple[str, Path]]:
+    """Yield what a COLLADA or USD file refers to, as written and as a path.
+
+    Raises:
+        ValueError: It says what would be read as something else, or left out.
+        ET.ParseError: It is COLLADA that cannot be read.
+    """
+    suffix = path.suffix.lower()
+    if suffix in USD_SUFFIXES:
+        check_unit(path)
+        yield from references_of(path, folders)
+    elif suffix == ".dae":
+        yield from ColladaText(path).references(path.parent)
+
+
+def _unread_images(path: Path, references: Sequence[tuple[str, Path]]) -> list[str]:
+    """Return warnings of images beside a COLLADA file that Blender did not find."""
+    if path.suffix.lower() != ".dae":
+        return []
+    read = {Path(image.filepath).name for image in bpy.data.images}
+    return [
+        f"the image {name!r} is not read: write its address as a URI, with %20 for a space"
+        for name, place in references
+        if place.exists() and place.name not in read
+    ]
 
 
 def _load(path: Path) -> str | None:
@@ -154,7 +197,7 @@ def _random_shape(things: list[Any]) -> str | None:
     bpy.context.view_layer.update()
     for thing in things:
         after = _vertices(thing)
-        if not np.array_equal(before[thing.name], after):
+        if not np.array_equal(before[thing.name], after, equal_nan=True):
             names = [
                 f"{modifier.name!r}" + (f" (texture {texture.name!r})" if texture else "")
                 for modifier in thing.modifiers

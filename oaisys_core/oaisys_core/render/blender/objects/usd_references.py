@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,6 +39,23 @@ def references_of(path: Path, folders: tuple[Path, ...]) -> Iterator[tuple[str, 
                 if is_layer and found not in seen and lies_within(place, folders):
                     seen.add(found)
                     left.append(found)
+
+
+def check_unit(path: Path) -> None:
+    """Raise if a USD file has a unit that is no length.
+
+    Raises:
+        ValueError: With the unit.
+    """
+    try:
+        bpy.utils.expose_bundled_modules()
+        from pxr import Sdf
+    except (AttributeError, ImportError):
+        return
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    unit = 1.0 if layer is None else layer.pseudoRoot.GetInfo("metersPerUnit")
+    if not 0 < unit < math.inf:
+        raise ValueError(f"a metersPerUnit above 0, not {unit:g}")
 
 
 def _place(path: Path, found: str) -> Path:
