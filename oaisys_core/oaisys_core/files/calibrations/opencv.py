@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_line
 from oaisys_core.files.calibrations.records import (
     FIELD,
     CalibratedCamera,
@@ -71,9 +71,8 @@ def read_opencv(text: str) -> Calibration:
         keys = storage.root().keys()
         storage.release()
     except (cv2.error, SystemError) as error:
-        raise InvalidInputError(
-            FIELD, "a file of OpenCV", f"one that it can read ({error})"
-        ) from error
+        expected = f"one that it can read ({_reason(error)})"
+        raise InvalidInputError(FIELD, "a file of OpenCV", expected) from error
     if not cameras:
         raise InvalidInputError(FIELD, "a file of OpenCV", f"a matrix named {', '.join(MATRIX)}")
     notes = ["OpenCV's files say nothing of the mount"]
@@ -86,6 +85,12 @@ def read_opencv(text: str) -> Calibration:
     return Calibration(
         "OpenCV FileStorage", tuple(cameras), notes=tuple(notes), unused=tuple(unused)
     )
+
+
+def _reason(error: Exception) -> str:
+    """Return OpenCV's own words; where its constructor fails, they are in the error's cause."""
+    found = error if error.__cause__ is None else error.__cause__
+    return one_line(str(found).rpartition(" error: ")[2])
 
 
 def _check_depth(text: str) -> None:

@@ -32,6 +32,9 @@ MAX_NODE_DEPTH = 200
 MAX_HEADER_BYTES = 65_536
 """Within which the header of a .ply file ends."""
 
+LEAST_STRIDE, MOST_STRIDE = 4, 252
+"""Bytes from one vertex to the next in a glTF file (glTF 2.0, §5.11.4)."""
+
 _PLY_TYPES = {
     **dict.fromkeys((b"char", b"uchar", b"int8", b"uint8"), 1),
     **dict.fromkeys((b"short", b"ushort", b"int16", b"uint16"), 2),
@@ -182,7 +185,21 @@ def _glb_parts(data: bytes) -> tuple[bytes, bytes]:
     (length,) = struct.unpack_from("<I", data, 12)
     if data[16:20] != b"JSON":
         raise ValueError("its first part is not JSON")
-    return data[20 : 20 + length], data[20 + length + 8 :]
+    text, rest = _chunk(data, 20, length, "JSON")
+    if len(rest) < 8:
+        return text, b""
+    (length,) = struct.unpack_from("<I", rest)
+    if rest[4:8] != b"BIN\0":
+        raise ValueError("its second part is not binary")
+    return text, _chunk(rest, 8, length, "binary")[0]
+
+
+def _chunk(data: bytes, start: int, length: int, name: str) -> tuple[bytes, bytes]:
+    """Return a part of a .glb file that begins somewhere, and what follows it."""
+    left = len(data) - start
+    if length > left:
+        raise ValueError(f"its {name} part announces {length} bytes, and {left} are left")
+    return data[start : start + length], data[start + length :]
 
 
 def _entries(document: Mapping[str, Any], name: str) -> Sequence[Mapping[str, Any]]:
@@ -201,6 +218,11 @@ def _count(entry: Mapping[str, Any], name: str, default: int | None = None) -> i
 
 def _check_gltf(document: Mapping[str, Any]) -> None:
     views = _entries(document, "bufferViews")
+    for index, view in enumerate(views):
+        stride = view.get("byteStride")
+        if stride is not None and not LEAST_STRIDE <= stride <= MOST_STRIDE:
+            expected = f"a byteStride from {LEAST_STRIDE} to {MOST_STRIDE}"
+            raise ValueError(f"{expected} in buffer view {index}, not {stride}")
     values = 0
     for accessor in _entries(document, "accessors"):
         count = _count(accessor, "count")

@@ -210,6 +210,30 @@ def test_a_matrix_that_is_none_of_a_pinhole_is_refused(
         read_calibration(file)
 
 
+@pytest.mark.parametrize(
+    ("head", "reason"),
+    [
+        ('<!DOCTYPE x [<!ENTITY a "x">]>\n', "Attribute name should be followed by"),
+        ("", "nelems == "),
+    ],
+)
+def test_a_file_that_opencv_cannot_read_is_refused_in_its_words(
+    tmp_path: Path, head: str, reason: str
+) -> None:
+    """OpenCV's constructor fails with an error of Python's inside."""
+    matrix = (
+        '<camera_matrix type_id="opencv-matrix"><rows>300000000</rows><cols>3</cols><dt>d</dt>'
+        "<data>1</data></camera_matrix>"
+    )
+    file = tmp_path / "calibration.xml"
+    storage = f"<opencv_storage>{matrix}</opencv_storage>"
+    file.write_text(f'<?xml version="1.0"?>\n{head}{storage}')
+    with pytest.raises(InvalidInputError, match=f"one that it can read .*{reason}") as error:
+        read_calibration(file)
+    assert "<class" not in str(error.value)
+    assert ".cpp" not in str(error.value)
+
+
 def test_the_mirror_model_of_opencv_is_refused(tmp_path: Path) -> None:
     """``cv::omnidir`` writes the same names, and xi, without which the others mean nothing."""
     file = tmp_path / "omnidir.yml"

@@ -356,6 +356,10 @@ MALFORMED: dict[str, tuple[dict[str, Any], str]] = {
         {"nodes": [{"mesh": 0, "matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}]},
         "0, 0, 0, 1 in its last row",
     ),
+    "no stride": (
+        {"bufferViews": [{"buffer": 0, "byteLength": 36, "byteStride": 0}, {"byteLength": 24}]},
+        "a byteStride from 4 to 252 in buffer view 0, not 0",
+    ),
     "a stride": (
         {"bufferViews": [{"buffer": 0, "byteLength": 60, "byteStride": 4}, {"byteLength": 24}]},
         "overlap",
@@ -371,3 +375,16 @@ def test_a_malformed_gltf_is_refused_by_the_place(top: Path, what: str) -> None:
         load_mesh(path, field="stage.mesh.file")
     assert error.value.field == "stage.mesh.file"
     assert error.value.received == str(path)
+
+
+def test_a_glb_whose_parts_announce_more_than_there_is_is_refused(tmp_path: Path) -> None:
+    data = trimesh.creation.box().export(file_type="glb")
+    (length,) = struct.unpack_from("<I", data, 12)
+    path = tmp_path / "a.glb"
+    for place, what in ((12, "JSON"), (20 + length, "binary")):
+        huge = data[:place] + struct.pack("<I", 2**32 - 1) + data[place + 4 :]
+        path.write_bytes(huge)
+        with pytest.raises(InvalidInputError, match=f"its {what} part announces 4294967295 bytes"):
+            load_mesh(path)
+    path.write_bytes(data)
+    assert len(load_mesh(path).triangles) == 12
