@@ -28,6 +28,7 @@ from oaisys_dataset.manifest_lines import (
 from oaisys_dataset.places import StoragePlace, open_place
 from oaisys_dataset.scans import ScanRecord, read_scan
 from oaisys_dataset.shards import (
+    HEAD,
     LEGEND,
     SHARDS,
     manifest_name,
@@ -54,11 +55,17 @@ def open_dataset(place: str | Path) -> Dataset:
     """Return the data set in a folder or at a URL, with the worlds that are finished.
 
     Raises:
-        InvalidInputError: There is no data set, or it cannot be read.
+        InvalidInputError: There is no data set, it cannot be read, or it has worlds beyond those
+            of its head.
     """
     opened = open_place(place)
     info = read_head(opened)
     worlds = whole_worlds(opened)
+    if worlds and max(worlds) >= info.worlds:
+        info = read_head(opened)  # a run may have begun to add worlds
+        if max(worlds) >= info.worlds:
+            expected = f"{max(worlds) + 1} or more, as there is world {max(worlds)}"
+            raise InvalidInputError(f"{HEAD}: worlds", info.worlds, expected)
     manifests = index_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
     return Dataset(opened, info, manifests)
 

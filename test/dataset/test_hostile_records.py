@@ -348,3 +348,16 @@ def test_samples_of_somebody_else_are_refused_likewise(tmp_path: Path) -> None:
     done = oaisys_here("render", "--config", config, "--out", out, "--samples", 2, "--resume")
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("worlds", [0, 1])
+def test_worlds_beyond_those_of_the_head_are_refused(tmp_path: Path, worlds: int) -> None:
+    folder = tmp_path / "set"
+    write_dataset(folder, {0: "train", 1: "val"}, views=1)
+    assert open_dataset(folder).worlds == (0, 1)
+    head = json.loads((folder / HEAD).read_text())
+    (folder / HEAD).write_text(json.dumps({**head, "worlds": worlds}))
+    with pytest.raises(InvalidInputError, match="2 or more, as there is world 1") as error:
+        open_dataset(folder)
+    assert error.value.field == "dataset.json: worlds"
+    assert error.value.received == worlds

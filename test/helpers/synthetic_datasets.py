@@ -97,7 +97,7 @@ def write_dataset(
         legend: Of all worlds, beside a label of each one.
     """
     place = open_place(where)
-    place.write(HEAD, dataset_info(len(worlds), views).to_json().encode())
+    place.write(HEAD, dataset_info(max(worlds, default=0) + 1, views).to_json().encode())
     arrays = {}
     for world, split in worlds.items():
         with writing_shard(place, world) as shard:
