@@ -10,12 +10,12 @@ from typing import Any, Self
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
+from oaisys_ros_bridge.guarded_node import GuardedNode
 from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
@@ -49,7 +49,7 @@ class BackgroundNode:
         prepare_transport()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         with check_ros_arguments(arguments):
-            self.node = Node(name, cli_args=list(arguments))
+            self.node = GuardedNode(name, cli_args=list(arguments))
         hide_shared_memory()
         self.changed = threading.Condition()
         self._executor = SingleThreadedExecutor()

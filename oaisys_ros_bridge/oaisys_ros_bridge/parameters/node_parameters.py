@@ -12,10 +12,10 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from oaisys_core.errors import InvalidInputError, did_you_mean, one_of, quote
+from oaisys_ros_bridge.guarded_node import GuardedNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
 from oaisys_ros_bridge.private.parameters_at_start import parameters_at_start
 
@@ -57,7 +57,7 @@ def descriptor_of(row: ParameterRow) -> ParameterDescriptor:
     return descriptor
 
 
-class ParameterNode(Node):
+class ParameterNode(GuardedNode):
     """Declares the parameters of a table, and accepts changes or refuses them with a reason.
 
     Mix it in before `Node` or `LifecycleNode`. After `declare_table`, ``parameters`` holds the

@@ -1,0 +1,66 @@
+"""A node that no message to rclpy's own services and subscriptions ends.
+
+rclpy (7.1) makes them by the node's public methods, and an error in their callbacks ends the node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import (
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from oaisys_core.errors import InvalidInputError
+
+PARAMETER_TYPE_IDS = frozenset(each.value for each in Parameter.Type)
+
+
+class GuardedNode(Node):
+    """Refuses parameters that no node can have in the answer, where rclpy's callbacks raise."""
+
+    def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
+        """Offer a service; those of parameters, which rclpy offers here, are guarded."""
+        answers: dict[Any, Callable[[Any, Any], Any]] = {
+            SetParameters: self._answer_each,
+            SetParametersAtomically: self._answer_together,
+        }
+        return super().create_service(kind, name, answers.get(kind, callback), **options)
+
+    def _answer_each(self, request: Any, response: Any) -> Any:
+        response.results = [self._set_parameters([each]) for each in request.parameters]
+        return response
+
+    def _answer_together(self, request: Any, response: Any) -> Any:
+        response.result = self._set_parameters(request.parameters)
+        return response
+
+    def _set_parameters(self, messages: Sequence[ParameterMsg]) -> SetParametersResult:
+        """Set all parameters, or none and say why."""
+        try:
+            return self.set_parameters_atomically([parameter_of(each) for each in messages])
+        except InvalidInputError as error:
+            reason = error
+        except ParameterNotDeclaredException:
+            names = [each.name for each in messages]
+            reason = InvalidInputError("parameters", names, "names that the node has")
+        return SetParametersResult(reason=str(reason))
+
+
+def parameter_of(message: ParameterMsg) -> Parameter:
+    """Return a message's parameter.
+
+    Raises:
+        InvalidInputError: Its type is none of ROS's.
+    """
+    if message.value.type not in PARAMETER_TYPE_IDS:
+        expected = f"a type of ROS's, {min(PARAMETER_TYPE_IDS)} to {max(PARAMETER_TYPE_IDS)}"
+        raise InvalidInputError(f"{message.name}.type", message.value.type, expected)
+    return Parameter.from_parameter_msg(message)

@@ -1,0 +1,69 @@
+"""What nobody means well, sent to the services and subscriptions that rclpy makes for a node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import (
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter
+from ros_peer import User
+
+from oaisys_ros_bridge.guarded_node import GuardedNode
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.parameters.table import ParameterRow, ParameterTable
+
+pytestmark = pytest.mark.ros
+
+STRING, DOUBLE = Parameter.Type.STRING.value, Parameter.Type.DOUBLE.value
+OF_NO_TYPE = ParameterMsg(name="rate", value=ParameterValue(type=77))
+
+
+@pytest.fixture
+def node(user: User) -> Iterator[ParameterNode]:
+    """A node with one parameter, which raises in the user's executor where it would end."""
+    node = ParameterNode("guarded", context=user.node.context)
+    node.declare_table(ParameterTable([ParameterRow("rate", 1.0, "Rate.", "Hz")]))
+    user.spin_with(node)
+    yield node
+    node.destroy_node()
+
+
+def answer(user: User, kind: type[Any], name: str, **fields: Any) -> Any:
+    return user.answer(user.client(kind, f"guarded/{name}").call_async(kind.Request(**fields)))
+
+
+def double(value: float) -> ParameterMsg:
+    return ParameterMsg(name="rate", value=ParameterValue(type=DOUBLE, double_value=value))
+
+
+def test_a_parameter_of_no_type_is_refused_in_the_answer(user: User, node: ParameterNode) -> None:
+    refusal = "rate.type: received 77, expected a type of ROS's, 0 to 9"
+    both = [OF_NO_TYPE, double(2.0)]
+
+    each = answer(user, SetParameters, "set_parameters", parameters=both).results
+    assert [(result.successful, result.reason) for result in each] == [(False, refusal), (True, "")]
+    assert node.parameters["rate"] == 2.0
+
+    both = [double(3.0), OF_NO_TYPE]
+    together = answer(user, SetParametersAtomically, "set_parameters_atomically", parameters=both)
+    assert (together.result.successful, together.result.reason) == (False, refusal)
+    assert node.parameters["rate"] == 2.0
+
+
+def test_a_node_without_a_table_refuses_them_too(user: User) -> None:
+    node = GuardedNode("guarded", context=user.node.context)
+    user.spin_with(node)
+    unknown = ParameterMsg(name="unknown", value=ParameterValue(type=STRING))
+    parameters = [OF_NO_TYPE, unknown]
+    results = answer(user, SetParameters, "set_parameters", parameters=parameters).results
+    assert [result.successful for result in results] == [False, False]
+    assert "0 to 9" in results[0].reason
+    assert "unknown" in results[1].reason
+    node.destroy_node()
