@@ -6,6 +6,7 @@ rclpy (7.1) makes them by the node's public methods, and an error in their callb
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import Parameter as ParameterMsg
@@ -17,14 +18,21 @@ from rcl_interfaces.srv import (
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quote
+from oaisys_ros_bridge.conversions import NS_PER_S
+
+CLOCK_TOPIC = "/clock"
 
 PARAMETER_TYPE_IDS = frozenset(each.value for each in Parameter.Type)
 
 
 class GuardedNode(Node):
-    """Refuses parameters that no node can have in the answer, where rclpy's callbacks raise."""
+    """Refuses parameters and times that no node can have, where rclpy's callbacks raise.
+
+    Parameters are refused in the answer; times on ``/clock`` are ignored, and the first is logged.
+    """
 
     def create_service(self, kind: Any, name: str, callback: Any, **options: Any) -> Any:
         """Offer a service; those of parameters, which rclpy offers here, are guarded."""
@@ -33,6 +41,14 @@ class GuardedNode(Node):
             SetParametersAtomically: self._answer_together,
         }
         return super().create_service(kind, name, answers.get(kind, callback), **options)
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Any, *arguments: Any, **options: Any
+    ) -> Any:
+        """Subscribe to a topic; that of rclpy's clock is guarded."""
+        if kind is Clock and topic == CLOCK_TOPIC and not options.get("raw"):
+            callback = partial(self._take_time, callback)
+        return super().create_subscription(kind, topic, callback, *arguments, **options)
 
     def _answer_each(self, request: Any, response: Any) -> Any:
         response.results = [self._set_parameters([each]) for each in request.parameters]
@@ -52,6 +68,19 @@ class GuardedNode(Node):
             names = [each.name for each in messages]
             reason = InvalidInputError("parameters", names, "names that the node has")
         return SetParametersResult(reason=str(reason))
+
+    def _take_time(self, take: Callable[[Clock], object], message: Clock) -> None:
+        """Take a time in that a clock can have, which is no time before 1970."""
+        time = message.clock
+        if time.sec >= 0 and time.nanosec < NS_PER_S:
+            take(message)
+            return
+        received = quote(f"{time.sec} s {time.nanosec} ns")
+        self.get_logger().warning(
+            f"{CLOCK_TOPIC}: received {received}, expected a time from 0 s on with less than 1e9 "
+            "ns: such times are ignored",
+            once=True,
+        )
 
 
 def parameter_of(message: ParameterMsg) -> Parameter:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import (
@@ -14,6 +15,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.parameter import Parameter
 from ros_peer import User
+from rosgraph_msgs.msg import Clock
 
 from oaisys_ros_bridge.guarded_node import GuardedNode
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
@@ -67,3 +69,33 @@ def test_a_node_without_a_table_refuses_them_too(user: User) -> None:
     assert "0 to 9" in results[0].reason
     assert "unknown" in results[1].reason
     node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    "time", [Time(sec=-1), Time(sec=-(2**31), nanosec=5), Time(sec=2**31 - 1, nanosec=2**32 - 1)]
+)
+def test_times_that_no_clock_has_are_ignored(
+    user: User, capfd: pytest.CaptureFixture[str], time: Time
+) -> None:
+    simulated = [Parameter("use_sim_time", value=True)]
+    node = GuardedNode("guarded", context=user.node.context, parameter_overrides=simulated)
+    user.spin_with(node)
+    clock = user.node.create_publisher(Clock, "/clock", 10)
+    log: list[str] = []
+
+    def has(condition: bool, sent: Time) -> bool:
+        log.append(capfd.readouterr().err)
+        clock.publish(Clock(clock=sent))
+        return condition
+
+    def now() -> Time:
+        return node.get_clock().now().to_msg()
+
+    user.wait_until(lambda: has("are ignored" in "".join(log), time))
+    user.wait_until(lambda: has(now() == Time(sec=2**31 - 1), Time(sec=2**31 - 1)))
+    for _ in range(5):
+        clock.publish(Clock(clock=time))
+        user.wait_until(lambda: has(now() == Time(sec=5), Time(sec=5)))
+    node.destroy_node()
+    (told,) = [line for line in "".join(log).splitlines() if "/clock" in line]
+    assert f"received '{time.sec} s {time.nanosec} ns', expected a time from 0 s on" in told
