@@ -12,6 +12,10 @@ from typing import Any
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
     SetParameters,
     SetParametersAtomically,
 )
@@ -24,6 +28,19 @@ from oaisys_core.errors import InvalidInputError, quote
 from oaisys_ros_bridge.conversions import NS_PER_S
 
 CLOCK_TOPIC = "/clock"
+
+MAX_PARAMETERS = 1000
+"""Parameters, names or prefixes in one request: answers have 1 kB for each."""
+
+LISTS = {
+    DescribeParameters: "names",
+    GetParameters: "names",
+    GetParameterTypes: "names",
+    ListParameters: "prefixes",
+    SetParameters: "parameters",
+    SetParametersAtomically: "parameters",
+}
+"""The fields of the requests to the services of parameters that have no bound."""
 
 PARAMETER_TYPE_IDS = frozenset(each.value for each in Parameter.Type)
 
@@ -40,7 +57,9 @@ class GuardedNode(Node):
             SetParameters: self._answer_each,
             SetParametersAtomically: self._answer_together,
         }
-        return super().create_service(kind, name, answers.get(kind, callback), **options)
+        if kind in LISTS:
+            callback = partial(self._answer_short, kind, answers.get(kind, callback))
+        return super().create_service(kind, name, callback, **options)
 
     def create_subscription(
         self, kind: Any, topic: str, callback: Any, *arguments: Any, **options: Any
@@ -49,6 +68,24 @@ class GuardedNode(Node):
         if kind is Clock and topic == CLOCK_TOPIC and not options.get("raw"):
             callback = partial(self._take_time, callback)
         return super().create_subscription(kind, topic, callback, *arguments, **options)
+
+    def _answer_short(
+        self, kind: Any, answer: Callable[[Any, Any], Any], request: Any, response: Any
+    ) -> Any:
+        """Answer a request about parameters, or refuse it for the length of its list."""
+        count = len(getattr(request, LISTS[kind]))
+        if count <= MAX_PARAMETERS:
+            return answer(request, response)
+        expected = f"at most {MAX_PARAMETERS} in a request"
+        reason = str(InvalidInputError(LISTS[kind], count, expected))
+        self.get_logger().warning(f"{kind.__name__}: {reason}", throttle_duration_sec=10.0)
+        if kind is SetParameters:
+            # One for each, as its callers count on.
+            others = [SetParametersResult(reason="see the first result")] * (count - 1)
+            response.results = [SetParametersResult(reason=reason), *others]
+        elif kind is SetParametersAtomically:
+            response.result = SetParametersResult(reason=reason)
+        return response
 
     def _answer_each(self, request: Any, response: Any) -> Any:
         response.results = [self._set_parameters([each]) for each in request.parameters]

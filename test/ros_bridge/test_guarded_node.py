@@ -10,14 +10,17 @@ from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
     SetParameters,
     SetParametersAtomically,
 )
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from ros_peer import User
 from rosgraph_msgs.msg import Clock
 
-from oaisys_ros_bridge.guarded_node import GuardedNode
+from oaisys_ros_bridge.guarded_node import MAX_PARAMETERS, GuardedNode
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import ParameterRow, ParameterTable
 
@@ -69,6 +72,30 @@ def test_a_node_without_a_table_refuses_them_too(user: User) -> None:
     assert "0 to 9" in results[0].reason
     assert "unknown" in results[1].reason
     node.destroy_node()
+
+
+@pytest.mark.usefixtures("node")
+def test_requests_of_many_parameters_are_refused_in_a_short_answer(user: User) -> None:
+    too_many = 10 * MAX_PARAMETERS
+    refusal = f"parameters: received {too_many}, expected at most {MAX_PARAMETERS} in a request"
+    unknown = [ParameterMsg(name=f"p{number}") for number in range(too_many)]
+
+    each = answer(user, SetParameters, "set_parameters", parameters=unknown)
+    assert [result.reason for result in each.results[:2]] == [refusal, "see the first result"]
+    assert len(each.results) == too_many
+    assert not any(result.successful for result in each.results)
+    request = SetParameters.Request(parameters=unknown)
+    assert len(serialize_message(each)) < len(serialize_message(request))
+
+    name = "set_parameters_atomically"
+    together = answer(user, SetParametersAtomically, name, parameters=unknown)
+    assert (together.result.successful, together.result.reason) == (False, refusal)
+
+    names = ["rate"] * too_many
+    assert not answer(user, DescribeParameters, "describe_parameters", names=names).descriptors
+    assert not answer(user, GetParameters, "get_parameters", names=names).values
+    few = names[:MAX_PARAMETERS]
+    assert len(answer(user, GetParameters, "get_parameters", names=few).values) == MAX_PARAMETERS
 
 
 @pytest.mark.parametrize(
