@@ -8,11 +8,13 @@ from functools import partial
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
 from oaisys_ros_bridge.bags.wire_names import WireNames
 from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds
 from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
+from oaisys_ros_bridge.subscribing.foreign_names import check_topics
 from oaisys_ros_bridge.subscribing.sample_watch import (
     SAMPLE_INFO,
     SampleWatch,
@@ -41,6 +43,7 @@ class AnnouncedSamples:
         self._watches: dict[str, SampleWatch] = {}
         self._begun_ns: int | None = None
         self._counted: set[str] = set()
+        self._announced: set[str] = set()
         self._missing_numbers = MissingNumbers()
         self.lost_by_middleware: Counter[str] = Counter()
 
@@ -111,6 +114,13 @@ class AnnouncedSamples:
         self, watch: SampleWatch, info: SampleInfo, received: dict[str, int]
     ) -> None:
         """Expect the messages of a sample on the recorded topics."""
+        announced = self._announced.union(info.topics)
+        try:
+            check_topics(announced)
+        except InvalidInputError as error:
+            self._wire.warn(f"{SAMPLE_INFO} is ignored: {error}")
+            return
+        self._announced = announced
         rendered_ns = int((info.render_time + PUBLISHING_S) * NS_PER_S)
         topics = self._due_topics(watch, info, received["source_timestamp"] - rendered_ns)
         watch.ledger.announce(name_of(info), info.sequence, topics & set(info.topics))

@@ -41,6 +41,10 @@ class WireNames:
         """Return how many publishers a topic has by its full name."""
         return int(self.node_for(topic).count_publishers(topic))
 
+    def warn(self, line: str) -> None:
+        """Log a warning, not more than one every ten seconds."""
+        self._node.get_logger().warning(line, throttle_duration_sec=10.0)
+
     def destroy(self) -> None:
         """Destroy the second node."""
         if self._without_rules is not None:

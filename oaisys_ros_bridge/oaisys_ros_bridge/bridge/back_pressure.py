@@ -13,17 +13,20 @@ from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import Sample
 from oaisys_msgs.msg import SampleReceipt
 from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, WINDOW
+from oaisys_ros_bridge.subscribing.foreign_names import check_name, counts_of_losses
 from oaisys_ros_bridge.subscribing.ledger_state import LedgerState, SampleName, shortfall
 from oaisys_ros_bridge.timers import steady_timer
 
@@ -37,6 +40,12 @@ LOOK_UP_S = 0.1
 """Between two checks of a waiting thread whether it shall end."""
 MAX_OWED = 10_000
 """Samples that are remembered for a reader that takes none."""
+MAX_READERS = 32
+"""Nodes whose receipts count at a time."""
+MAX_ENDED = 1000
+"""Readers that are remembered after their end."""
+REFUSED_RECEIPTS = "refused receipts"
+"""Key of the number of receipts that do not count; missing: all do."""
 
 
 @dataclass
@@ -69,9 +78,9 @@ def state_of(receipt: SampleReceipt) -> LedgerState:
         receipt.samples,
         receipt.samples,
         receipt.samples_incomplete,
-        {loss.what: loss.count for loss in receipt.lost},
+        counts_of_losses(receipt.lost),
         SampleName(receipt.batch_id, receipt.sample_id, stamp_ns) if stamp_ns else None,
-        {loss.what: loss.count for loss in receipt.lost_by_middleware},
+        counts_of_losses(receipt.lost_by_middleware),
     )
 
 
@@ -91,6 +100,7 @@ class BackPressure:
         self._gone: dict[ReaderKey, str] = {}
         self._ended: dict[ReaderKey, tuple[int, _Reader]] = {}
         self._number = 0
+        self._refused = 0
         self._subscription = node.create_subscription(
             SampleReceipt,
             "~/receipts",
@@ -166,6 +176,10 @@ class BackPressure:
         with self._changed:
             wrong: list[str] = []
             values: dict[str, object] = {}
+            if self._refused:
+                why = "of too many readers, or of too long names"
+                wrong.append(f"{self._refused} receipts do not count: {why}")
+                values[REFUSED_RECEIPTS] = self._refused
             for reader in self._readers.values():
                 name = reader.label
                 if reader.stalled_s is not None:
@@ -241,6 +255,7 @@ class BackPressure:
         reader = self._readers.pop(key)
         behind = f" before it had taken {reader.owed[0][1]}" if reader.owed else ""
         self._gone[key] = f"{reader.label} has gone without a word{behind}"
+        _keep_newest(self._gone)
         self._node.get_logger().warning(f"{self._gone[key]}: it is no longer one of the readers")
 
     def _note_end(self, key: ReaderKey, receipt: SampleReceipt) -> None:
@@ -248,6 +263,21 @@ class BackPressure:
         reader = self._readers.pop(key)
         reader.state = state_of(receipt)
         self._ended[key] = (reader.owed[0][0] - 1 if reader.owed else self._number), reader
+        _keep_newest(self._ended)
+
+    def _make_room(self, node: str) -> None:
+        """Forget a reader that the middleware has not shown, where there are too many.
+
+        Raises:
+            InvalidInputError: It has shown all of them.
+        """
+        if len(self._readers) < MAX_READERS:
+            return
+        unknown = [key for key, reader in self._readers.items() if not reader.is_known]
+        if not unknown:
+            raise InvalidInputError("node", node, f"one of at most {MAX_READERS} readers")
+        self._refused += 1
+        del self._readers[min(unknown, key=lambda key: self._readers[key].receipt_s)]
 
     def _new_reader(self, node: str) -> _Reader:
         labels = {reader.label for reader in self._readers.values()}
@@ -255,6 +285,17 @@ class BackPressure:
         return _Reader(next(label for label in chain([node], others) if label not in labels))
 
     def _on_receipt(self, receipt: SampleReceipt) -> None:
+        try:
+            check_name("node", receipt.node)
+            self._take(receipt)
+        except InvalidInputError as error:
+            with self._changed:
+                self._refused += 1
+            self._node.get_logger().warning(
+                f"a receipt is refused: {error}", throttle_duration_sec=10.0
+            )
+
+    def _take(self, receipt: SampleReceipt) -> None:
         key = receipt.node, receipt.instance
         with self._changed:
             if receipt.ended:
@@ -263,6 +304,7 @@ class BackPressure:
                 self._changed.notify_all()
                 return
             if key not in self._readers:
+                self._make_room(receipt.node)
                 self._readers[key] = self._new_reader(receipt.node)
             reader = self._readers[key]
             reader.state = state = state_of(receipt)
@@ -276,3 +318,9 @@ class BackPressure:
                     reader.stalled_s = None
                     self._node.get_logger().info(f"{reader.label} takes samples again")
             self._changed.notify_all()
+
+
+def _keep_newest(ended: dict[ReaderKey, Any]) -> None:
+    """Forget the reader that ended first, where there are too many."""
+    if len(ended) > MAX_ENDED:
+        del ended[next(iter(ended))]

@@ -24,6 +24,7 @@ from oaisys_ros_bridge.live_view.source import LiveSource, LiveUpdate, images_wi
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.subscribing.foreign_names import class_names_of
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.subscribing.sample_watch import camera_poses
 
@@ -101,7 +102,7 @@ class RosSource(LiveSource):
             self._assemble(camera, give_up, time.monotonic())
 
     def _on_labels(self, message: SemanticLabels) -> None:
-        self.labels = {label.id: label.name for label in message.labels}
+        self.labels = class_names_of(message)
 
     def _on_batch(self, message: SampleInfo) -> None:
         batch = (message.config_sha256, message.seed, message.batch_id)

@@ -29,6 +29,7 @@ from oaisys_ros_bridge.qos import (
     LATCHED_QOS,
     SMALL_MESSAGE_QOS,
 )
+from oaisys_ros_bridge.subscribing.foreign_names import class_names_of
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger
 from oaisys_ros_bridge.subscribing.sample_watch import camera_poses, counting_losses, name_of
@@ -209,7 +210,7 @@ class MapperInputs:
         ledger.announce(name, message.sequence, topics, needed=needed, result=IN_MAP)
 
     def _on_labels(self, message: SemanticLabels) -> None:
-        self.class_names = {label.id: label.name for label in message.labels}
+        self.class_names = class_names_of(message)
 
     def _give_up_color(self) -> None:
         are_announced = self._node.count_publishers(SAMPLE_INFO_TOPIC) > 0

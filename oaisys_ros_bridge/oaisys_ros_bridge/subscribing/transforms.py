@@ -8,6 +8,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
+from oaisys_ros_bridge.subscribing.foreign_names import check_name
 
 HISTORY = 256
 """Different poses in a row that are kept of each moving frame."""
@@ -57,20 +58,22 @@ class FrameBuffer:
         self._moving: dict[str, _FrameHistory] = {}
 
     def set_static(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Set a transform that holds at all times; `InvalidInputError`: too many frames."""
-        self._require_room(child)
+        """Set a transform that holds at all times; `InvalidInputError`: see `set_at`."""
+        self._check(parent, child)
         self._static[child] = (parent, T_parent_child)
 
     def set_at(self, stamp_ns: int, parent: str, child: str, T_parent_child: FloatArray) -> None:
         """Set a transform that holds at ``stamp_ns``; the oldest are removed.
 
         Raises:
-            InvalidInputError: There are too many frames.
+            InvalidInputError: There are too many frames, or a name is too long.
         """
-        self._require_room(child)
+        self._check(parent, child)
         self._moving.setdefault(child, _FrameHistory()).add(stamp_ns, parent, T_parent_child)
 
-    def _require_room(self, child: str) -> None:
+    def _check(self, parent: str, child: str) -> None:
+        check_name("frame_id", parent)
+        check_name("child_frame_id", child)
         known = child in self._static or child in self._moving
         if not known and len(self._static) + len(self._moving) >= MAX_FRAMES:
             raise InvalidInputError("child_frame_id", child, f"at most {MAX_FRAMES} frames")

@@ -95,3 +95,14 @@ def test_frames_in_a_circle_are_refused():
 
     with pytest.raises(InvalidInputError, match="leads to 'map'"):
         buffer.lookup("map", "a", 0)
+
+
+def test_names_of_frames_are_bounded() -> None:
+    buffer = FrameBuffer()
+    for parent, child in (("map", "x" * 256), ("x" * 256, "camera")):
+        with pytest.raises(InvalidInputError, match="at most 255 characters"):
+            buffer.set_static(parent, child, np.eye(4))
+        with pytest.raises(InvalidInputError, match="at most 255 characters"):
+            buffer.set_at(1, parent, child, np.eye(4))
+    buffer.set_at(1, "map", "x" * 255, np.eye(4))
+    assert buffer.lookup("map", "x" * 255, 1) is not None
