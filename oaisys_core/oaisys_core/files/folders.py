@@ -18,6 +18,9 @@ from oaisys_core.errors import InvalidInputError, NotReadyError
 SHORTAGES = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.EIO})
 """Errors that are no fault of the name."""
 
+LONGEST_PATH, LONGEST_FILE_NAME = 4095, 255
+"""Bytes of a path, and of each name in it, that Linux takes."""
+
 
 def make_folder(folder: Path, field: str = "out") -> Path:
     """Make a folder for output, and those above it, if it is missing; return it.
@@ -94,11 +97,12 @@ def user_path(text: str | Path, field: str) -> Path:
         field: What the user calls it, in errors.
 
     Raises:
-        InvalidInputError: The text is empty, which is no name of the current folder. There is no
-            such user, or nobody knows where this one's home is.
+        InvalidInputError: The text is empty, which is no name of the current folder, or no file can
+            have the name. There is no such user, or nobody knows where this one's home is.
     """
     if text == "":
         raise InvalidInputError(field, text, "a path, no empty text")
+    _check_length(str(text), field)
     path = Path(text)
     try:
         return path.expanduser()
@@ -106,6 +110,16 @@ def user_path(text: str | Path, field: str) -> Path:
         name = path.parts[0][1:]
         expected = f"~NAME of a user of this machine, not {name!r}" if name else "no ~ without HOME"
         raise InvalidInputError(field, str(path), expected) from None
+
+
+def _check_length(text: str, field: str) -> None:
+    """Raise `InvalidInputError` for a path that Linux takes for no file's."""
+    data = text.encode(errors="surrogatepass")
+    if len(data) > LONGEST_PATH or max(map(len, data.split(b"/"))) > LONGEST_FILE_NAME:
+        expected = f"at most {LONGEST_PATH} bytes, and {LONGEST_FILE_NAME} for each name in it"
+        raise InvalidInputError(field, text, expected)
+    if "\0" in text:
+        raise InvalidInputError(field, text, "a path without the character 0")
 
 
 def user_file(text: str, field: str, suffixes: tuple[str, ...]) -> Path:

@@ -36,7 +36,9 @@ def temporary_file(target: Path) -> Iterator[Path]:
     Raises:
         OSError: It could not be made.
     """
-    name = f".part-{target.name}"
+    # Of a long name the end, which has the suffix: with these letters more it would be no name.
+    end = os.fsencode(target.name)[-_NAME_BYTES:].decode(errors="ignore")
+    name = f".part-{end}"
     for folder in _known_folders(target):
         _remove_dead(folder, name)
     for folder in _folders(target):

@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_core.files.folders import user_file
+from oaisys_core.files.whole_files import check_output_file
 from oaisys_core.geometry import places
 from oaisys_core.types import FloatArray, Georeference, TriangleMesh
 from oaisys_mapping.evaluation.truth_io import write_truth
@@ -66,7 +67,7 @@ class GroundServices:
             try:
                 fill(request, response)
                 response.success = True
-            except (OaisysError, OSError, ValueError) as error:  # the last of a path with a NUL
+            except (OaisysError, OSError, ValueError) as error:
                 response = type(response)(message=str(error))
                 self._node.get_logger().warning(f"{name} failed: {error}")
             return response
@@ -94,8 +95,7 @@ class GroundServices:
         response.labels = [SemanticLabel(id=i, name=name) for i, name in names]
         if request.path:
             path = user_file(request.path, "path", TRUTH_SUFFIXES)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_truth(path, mesh)
+            write_truth(check_output_file(path, "path"), mesh)
         else:
             _fill_mesh(mesh, response)
 

@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
 from oaisys_core.files.folders import user_file, user_path
+from oaisys_core.files.whole_files import check_output_file
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.mesh_io import write_ply
 from oaisys_msgs.msg import MapStatus
@@ -161,14 +162,14 @@ class MapperNode(ParameterNode, Node):
                 if not views:
                     raise NotReadyError("nothing has been mapped yet")
                 mesh = volume.extract_mesh()
-                path.parent.mkdir(parents=True, exist_ok=True)
+                check_output_file(path, "path")
                 if is_volume:
                     volume.save(path)
             if not is_volume:
                 write_ply(
                     path, mesh, self._inputs.class_names if mesh.class_ids is not None else None
                 )
-        except (OaisysError, OSError, ValueError) as error:  # the last of a path with a NUL
+        except (OaisysError, OSError, ValueError) as error:
             response.message = str(error)
             return response
         response.success = True

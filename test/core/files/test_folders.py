@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.files.folders import make_folder, own_folder
+from oaisys_core.files.folders import make_folder, own_folder, user_file, user_path
 
 
 def test_a_folder_is_made_with_those_above_it(tmp_path: Path) -> None:
@@ -68,3 +68,30 @@ def test_folders_with_files_and_those_that_were_there_stay_after_a_failure(tmp_p
     with pytest.raises(KeyError), own_folder(tmp_path / "empty"):
         raise KeyError
     assert (tmp_path / "empty").is_dir()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x" * 256,
+        "/" + "\N{SNOWMAN}" * 86,
+        "a/" * 2048 + "a",
+        "x" * 1_000_000,
+        "a\0b",
+        "\ud800" * 86,
+    ],
+)
+def test_paths_that_no_file_can_have_are_refused_in_a_short_sentence(text: str) -> None:
+    """One of 30 MB was answered by its whole length."""
+    for read in (
+        lambda: user_path(text, "truth_path"),
+        lambda: user_file(text + ".ply", "truth_path", (".ply",)),
+    ):
+        with pytest.raises(InvalidInputError, match=r"^truth_path: received .*, expected") as error:
+            read()
+        assert len(str(error.value)) < 250
+
+
+def test_the_longest_names_are_taken() -> None:
+    for text in ("x" * 255, "a/" * 2047 + "a"):
+        assert str(user_path(text, "out")) == text

@@ -148,3 +148,11 @@ def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
         with pytest.raises(OSError, match="No such file") as caught, whole_file(target):
             pass
         assert caught.value.filename == str(target)
+
+
+@pytest.mark.parametrize("name", ["x" * 251 + ".ply", "\N{SNOWMAN}" * 83 + "x.ply"])
+def test_a_file_of_the_longest_name_can_be_written(tmp_path: Path, name: str) -> None:
+    with whole_file(tmp_path / name) as part:
+        assert part.suffix == ".ply"
+        part.write_text("whole")
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [(name, "whole")]

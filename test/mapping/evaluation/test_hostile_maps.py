@@ -43,3 +43,10 @@ def test_a_map_that_is_text_and_cut_off_is_refused(tmp_path: Path, read: object)
     file.write_text(f"{header}{rows}3 0 1 2\n3 0 1 2\n")
     with pytest.raises(InvalidInputError, match=r"map\.ply.*3 numbers in a row.*line 13"):
         read(file)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("read", [read_ply, read_truth])
+def test_a_map_that_cannot_be_read_is_refused_in_a_sentence(read: object) -> None:
+    expected = r"'/proc/self/mem', expected a file that can be read \(Input/output error\)$"
+    with pytest.raises(InvalidInputError, match=expected):
+        read(Path("/proc/self/mem"))  # type: ignore[operator]

@@ -158,6 +158,11 @@ def test_the_true_mesh_comes_in_the_answer_and_as_a_file(
     assert not (tmp_path / "truth.npz").exists()
     request = GetGroundTruthMesh.Request(path="/proc/nowhere/truth.ply")
     assert not user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request).success
+    request = GetGroundTruthMesh.Request(path=f"/tmp/{'x' * 5000}.ply")
+    refused = user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request)
+    assert not refused.success
+    assert refused.message.startswith("path: received '/tmp/xxx")
+    assert refused.message.endswith("expected at most 4095 bytes, and 255 for each name in it")
     # A folder called "~nosuchuser" was made where the bridge had been started.
     request = GetGroundTruthMesh.Request(path="~nosuchuser/truth.ply")
     refused = user.call(GetGroundTruthMesh, "get_ground_truth_mesh", request)

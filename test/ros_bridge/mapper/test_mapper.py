@@ -309,6 +309,17 @@ def test_a_mesh_goes_only_into_a_file_of_its_format(peer: Peer, tmp_path: Path) 
     assert {each.name for each in tmp_path.iterdir()} == {"m.PLY", "m.NPZ"}
 
 
+def test_paths_that_no_file_can_have_are_refused_in_short(peer: Peer) -> None:
+    """The answer had the whole path in it, 30 MB of it."""
+    path = "x" * 1_000_000 + ".ply"
+    expected = "at most 4095 bytes, and 255 for each name in it"
+    saved = peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=path))
+    found = peer.call(Evaluate, "evaluate", Evaluate.Request(truth_path=path))
+    for answer, field in ((saved, "path"), (found, "truth_path")):
+        message = f"{field}: received {quote(path)}, expected {expected}"
+        assert (answer.success, answer.message) == (False, message)
+
+
 class LateBridge:
     """A bridge whose second sample is published after what it says of it."""
 

@@ -75,7 +75,10 @@ def check_mesh_file(
             check_stl_text(path)
         elif suffix == ".stl":
             _check_stl(start, size, most_elements)
-    except (OSError, ValueError, struct.error) as error:
+    except OSError as error:
+        expected = f"a file that can be read ({error.strerror})"
+        raise InvalidInputError(field, str(path), expected) from error
+    except (ValueError, struct.error) as error:
         raise InvalidInputError(field, str(path), f"a {suffix} file of {error}") from error
 
 
