@@ -29,6 +29,8 @@ TOO_MANY = (
 )
 REFUSAL_PAUSE_S = 0.01
 """Before each refusal: by default, the queue of a client's answers has ten places, too."""
+THREAD_SUFFIX = " requests"
+"""Of the names of threads that serve requests."""
 END_S = 3.0
 """How long requests that are being served may take to end with their node."""
 
@@ -125,7 +127,7 @@ class RequestQueue:
             self._open += 1
             self._works.put(work)
             if self._thread is None:
-                name = f"{self._node.get_name()} requests"
+                name = f"{self._node.get_name()}{THREAD_SUFFIX}"
                 self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
                 self._thread.start()
         return ""
@@ -189,3 +191,8 @@ def close_queues(queues: Sequence[RequestQueue]) -> None:
     end_s = time.monotonic() + END_S
     for queue in queues:
         queue.join(end_s)
+
+
+def is_any_request_served() -> bool:
+    """Return whether requests are still being served in this process, such as after `END_S`."""
+    return any(each.name.endswith(THREAD_SUFFIX) for each in threading.enumerate())

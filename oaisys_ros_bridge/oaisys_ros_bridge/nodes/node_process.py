@@ -17,10 +17,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.system.ending.signals import end_service_at_signals
+from oaisys_core.system.ending.signals import end_service_at_signals, exit_at_once
 from oaisys_core.system.shortages import shortage
 from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
+from oaisys_ros_bridge.services import is_any_request_served
 from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
 CALLBACKS_END_S = 3.0
@@ -82,6 +83,8 @@ def run_node(
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
     still publish, and a second Ctrl-C would interrupt the first one's cleaning up. SIGABRT writes
     the stacks of all threads to standard error, as a crash does.
+
+    It exits instead of returning while a request is still being served.
     """
     faulthandler.enable()
     stop = stop or threading.Event()
@@ -101,12 +104,16 @@ def run_node(
         sys.stderr.write(f"{lack or error}\n")
         return 2 if lack is None else 1
     try:
-        return _run_until(stop, node, threads)
+        code = _run_until(stop, node, threads)
     finally:
         rclpy.try_shutdown()
         # At exit Python restores the default handlers, and a second signal would kill it: a
         # terminal and ros2 launch each send one.
         end_service_at_signals(signal.SIG_IGN)
+    if is_any_request_served():
+        # The end of Python, and of libraries such as Open3D, would take away what it works with.
+        exit_at_once(code)
+    return code
 
 
 def _run_until(stop: threading.Event, node: Node, threads: int) -> int:

@@ -71,10 +71,15 @@ def ignore_signals() -> None:
 
 def end_at_signal(number: int) -> NoReturn:
     """Exit as a program that was ended by a signal, whatever threads or libraries still do."""
+    exit_at_once(128 + number)
+
+
+def exit_at_once(code: int) -> NoReturn:
+    """Exit while threads still work in libraries, which would find their memory freed."""
     with suppress(OSError, ValueError):
         sys.stdout.flush()
         sys.stderr.flush()
-    os._exit(128 + number)
+    os._exit(code)
 
 
 def work_in_child(command: str, grace_s: float = 0.0) -> None:
