@@ -17,6 +17,7 @@ Arrays in the file, with blocks sorted by x, then y, then z, and voxels by z, y,
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -30,7 +31,13 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.whole_files import whole_file
 from oaisys_mapping.voxels.block_cache import BlockCache
-from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS, VOXELS, BlockCoordinates, VoxelField
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
+    MAX_COORDINATE,
+    VOXELS,
+    BlockCoordinates,
+    VoxelField,
+)
 from oaisys_mapping.voxels.config import TsdfConfig
 
 FORMAT = "oaisys tsdf 1"
@@ -101,26 +108,54 @@ def read_volume(
         arrays = load_arrays(path, MAX_VOLUME_BYTES)
         if str(arrays["format"]) != FORMAT:
             raise ValueError(f"its format is {arrays['format']}")
-        header = VolumeHeader(
-            float(arrays["voxel_size_m"]),
-            float(arrays["truncation_m"]),
-            int(arrays["frames"]),
-            arrays["free"],
-        )
+        header = _read_header(arrays)
         grids = {
             name: _read_grid(arrays, name, each)
             for name, each in fields.items()
             if name == VOXEL_BLOCKS or name in arrays
         }
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except KeyError as error:
+        raise InvalidInputError("path", str(path), f"a saved volume with {error}") from error
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InvalidInputError("path", str(path), f"a saved volume ({error})") from error
     return header, grids
+
+
+def _read_header(arrays: Any) -> VolumeHeader:
+    header = VolumeHeader(
+        float(arrays["voxel_size_m"]),
+        float(arrays["truncation_m"]),
+        int(arrays["frames"]),
+        _read_blocks(arrays, "free"),
+    )
+    for name in ("voxel_size_m", "truncation_m"):
+        if not 0 < getattr(header, name) < math.inf:
+            raise ValueError(f"{name} is {getattr(header, name):g}, expected a number above 0")
+    if header.frames < 0:
+        raise ValueError(f"frames is {header.frames}, expected 0 or more")
+    return header
+
+
+def _read_blocks(arrays: Any, name: str) -> BlockCoordinates:
+    """Return (N, 3) blocks, each of which must be one of a map, and there once."""
+    blocks = arrays[name]
+    if blocks.dtype != np.int32 or blocks.ndim != 2 or blocks.shape[1] != 3:
+        raise ValueError(f"{name} is {blocks.dtype} {blocks.shape}, expected int32 (N, 3)")
+    # Blocks of cells are half as large.
+    far = np.abs(blocks.astype(np.int64)).max(axis=1, initial=0) >= 2 * MAX_COORDINATE
+    if far.any():
+        found = blocks[far][0].tolist()
+        raise ValueError(f"{name} has {found}, expected less than {2 * MAX_COORDINATE}")
+    numbers = (blocks + 2 * MAX_COORDINATE).astype(np.int64) @ (1 << np.array((36, 18, 0)))
+    if len(np.unique(numbers)) < len(blocks):
+        raise ValueError(f"{name} has a block twice")
+    return np.asarray(blocks)
 
 
 def _read_grid(
     arrays: Any, name: str, fields: tuple[VoxelField, ...]
 ) -> tuple[BlockCoordinates, dict[str, NDArray[Any]]]:
-    blocks = arrays[name]
+    blocks = _read_blocks(arrays, name)
     return blocks, {field.name: _field_values(arrays, field, len(blocks)) for field in fields}
 
 
@@ -129,6 +164,9 @@ def _field_values(arrays: Any, field: VoxelField, blocks: int) -> NDArray[Any]:
     expected = (blocks, *_CUBE, *_channels(field))
     if array.shape != expected or array.dtype != field.dtype:
         raise ValueError(f"{field.name} is {array.dtype} {array.shape}, expected {expected}")
+    # A sum takes no memory, and of float64 it is finite where all values are.
+    if not np.isfinite(array.sum(dtype=np.float64)):
+        raise ValueError(f"{field.name} has values that are not finite")
     return np.asarray(array.reshape(blocks, VOXELS, *_channels(field)))
 
 

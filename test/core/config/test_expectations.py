@@ -115,6 +115,10 @@ def test_whatever_is_wrong_is_told_without_pydantic_s_words() -> None:
         ),
         ({"seed": -1}, "seed: received -1, expected a number of at least 0"),
         ({"seed": "x"}, "seed: received 'x', expected a whole number"),
+        (
+            {"drive": {"odometry_rate_hz": 1e-10}},
+            "drive.odometry_rate_hz: received 1e-10, expected a number of at least 0.0001",
+        ),
         ({"stage": 3}, "stage: received 3, expected a mapping of keys to values"),
         ({"stage": {"dem": {}}}, "stage.dem.file: missing, expected a value"),
         ({"stage": {"size": 3}}, "stage.size: unknown key"),

@@ -1,5 +1,6 @@
 """Reconstructed planes and spheres against their closed forms."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,37 @@ def test_views_with_single_valid_pixels_are_accepted() -> None:
         depth_m[place, place] = 5.0
         volume.integrate(depth_m, None, CAMERA, T)
     assert volume.frames == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "reason"),
+    [
+        (
+            "tsdf",
+            lambda values: np.full_like(values, np.nan),
+            "tsdf has values that are not finite",
+        ),
+        ("weight", lambda values: values + np.inf, "weight has values that are not finite"),
+        ("blocks", lambda values: values * 0, "blocks has a block twice"),
+        ("blocks", lambda values: np.full_like(values, 2**31 - 1), r"blocks has \[2147483647, "),
+        ("blocks", lambda values: np.full_like(values, -(2**31)), r"blocks has \[-2147483648, "),
+        ("free", lambda values: values.astype(np.float64), r"free is float64 .* expected int32"),
+        ("frames", lambda _: np.array(-5), "frames is -5"),
+        ("voxel_size_m", lambda _: np.array(np.nan), "voxel_size_m is nan"),
+        ("truncation_m", lambda _: np.array([1.0, 2.0]), "a saved volume"),
+        ("blocks", lambda _: None, "a saved volume with 'blocks'"),
+    ],
+)
+def test_damaged_volumes_are_refused_by_what_is_wrong(
+    tmp_path: Path, name: str, change: Callable[[Any], Any], reason: str
+) -> None:
+    path = tmp_path / "volume.npz"
+    fused(TsdfVolume()).save(path)
+    arrays = dict(np.load(path))
+    arrays[name] = change(arrays[name])
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    with pytest.raises(InvalidInputError, match=rf"volume\.npz.*{reason}"):
+        TsdfVolume().load(path)
 
 
 def test_files_of_other_volumes_and_formats_are_refused(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from oaisys_core.cli.options import (
     SizeOption,
 )
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.errors import ConfigError, InvalidInputError, RenderError
 
 if TYPE_CHECKING:
     from oaisys_core.cli.rendering.metadata_file import SampleRequest, Steps
@@ -131,7 +131,7 @@ def render(
             run = _Run(simulation, writer, steps, output.batches, output.save_blend, world_seed)
             run.start(chosen, is_resumed=resume)
             run.finish()
-        except InvalidInputError:
+        except (ConfigError, InvalidInputError):
             writer.withdraw()
             raise
         finally:

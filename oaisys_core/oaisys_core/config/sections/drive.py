@@ -166,7 +166,7 @@ class DriveConfig(Section):
     waypoints_topic: str | None = None
     duration_s: Positive | None = None
     gravity: Gravity = "earth"
-    odometry_rate_hz: float = Field(default=50.0, gt=0, le=10_000)
+    odometry_rate_hz: float = Field(default=50.0, ge=1e-4, le=10_000)
     odometry_drift: OdometryDriftConfig = OdometryDriftConfig()
 
     @property

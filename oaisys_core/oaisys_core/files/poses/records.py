@@ -124,8 +124,9 @@ def matrix_table(
         if not np.isfinite(each).all():
             raise InvalidInputError(place, each[:3].tolist(), "finite numbers")
         check_position(each[:3, 3], place)
-        error = np.abs(R @ R.T - np.eye(3)).max()
-        if error > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
+        # No element is larger than 1, and the products of far larger ones are infinite.
+        is_near = np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() <= ROTATION_TOLERANCE
+        if not is_near or np.linalg.det(R) < 0:
             expected = "a rotation: columns of length 1 at right angles, not mirrored, not scaled"
             raise InvalidInputError(place, R.tolist(), expected)
         if np.abs(each[3] - (0, 0, 0, 1)).max() > 1e-9:

@@ -165,6 +165,7 @@ def transforms(matrix: object) -> str:
             r"a\.txt:2: received '0\.12345678901234567x', .*the column row 1, 4",
         ),
         ("a.txt", f"{IDENTITY}\n-1 0 0 0 0 1 0 0 0 0 1 0", r"a\.txt:2: .*a rotation"),
+        ("a.txt", f"{IDENTITY}\n1e308 1e308 0 0 0 -1 0 0 0 0 -1 3", r"a\.txt:2: .*a rotation"),
         ("a.txt", f"{IDENTITY}\n2 0 0 0 0 2 0 0 0 0 2 0", r"a\.txt:2: .*not scaled"),
         ("a.txt", f"{IDENTITY}\n1 0 0 nan 0 1 0 0 0 0 1 0", r"a\.txt:2: .*finite"),
         ("images.txt", f"{IMAGE}\n{IMAGE}\n", r"images\.txt:2: .*the points of a\.png"),
@@ -188,7 +189,7 @@ def test_what_is_wrong_is_named_with_its_place(
 ) -> None:
     path = tmp_path / name
     path.write_text(text)
-    with pytest.raises(InvalidInputError, match=told):
+    with pytest.raises(InvalidInputError, match=told), np.errstate(over="raise", invalid="raise"):
         read_pose_table(path)
 
 

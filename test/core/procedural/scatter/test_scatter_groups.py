@@ -12,7 +12,7 @@ from synthetic_worlds import flat_world
 from oaisys_core import randomness
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.scatter.groups import group_sizes_m, scatter_group
 from oaisys_core.procedural.scatter.placement.density import band, make_density
 from oaisys_core.procedural.scatter.placement.spacing import Spacing, first_come, pairs_too_near
@@ -133,6 +133,13 @@ def test_an_image_lies_with_its_upper_edge_at_the_largest_y(tmp_path: Path) -> N
     assert density(np.array([(-15.0, 15.0), (15.0, 15.0), (-15.0, -15.0), (-15.0, 5.0)])) == (
         pytest.approx([1, 0, 0, 0])
     )
+
+
+def test_an_image_of_floats_is_refused_by_its_type(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "map.tif"), np.zeros((8, 8), np.float32))
+    maps = group(density=[{"kind": "image", "file": tmp_path / "map.tif"}]).density
+    with pytest.raises(InvalidInputError, match=r"density\.file.*8 or 16 bits, not of float32"):
+        make_density(maps, inclined(0.0), np.random.default_rng(0))
 
 
 def test_objects_stand_where_the_layer_lies_and_as_densely_as_its_weight() -> None:

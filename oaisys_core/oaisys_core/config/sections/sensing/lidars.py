@@ -214,7 +214,7 @@ class LidarConfig(Section):
     extra_fields: tuple[Literal["label", "instance"], ...] = ()
     step_interval: int = Field(default=1, ge=1)
     step_offset: int = Field(default=0, ge=0)
-    rate_hz: float = Field(default=10.0, gt=0, le=10_000)
+    rate_hz: float = Field(default=10.0, ge=1e-4, le=10_000)
     faults: LidarFaultsConfig = LidarFaultsConfig()
 
     @model_validator(mode="after")

@@ -19,7 +19,7 @@ from oaisys_core.config.sections.density import (
     SlopeDensity,
     VoronoiDensity,
 )
-from oaisys_core.errors import ConfigError, quote
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.image_use import DENSITY
 from oaisys_core.files.image_formats.images import read_pixels
 from oaisys_core.procedural.scatter.placement.random_poses import slope_deg
@@ -54,7 +54,7 @@ def make_density(
         material: Of the ground; None if there is none, nor a density of a layer.
 
     Raises:
-        ConfigError: An image cannot be read.
+        InvalidInputError: An image cannot be read.
     """
     parts = [
         _density(config, ground, randomness.child(rng, f"density/{index}"), material)
@@ -175,8 +175,7 @@ def _image(config: ImageDensity) -> Field:
     grey = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
     pixels = read_pixels(config.file, DENSITY, grey)
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise ConfigError(
-            f"density.file: received {quote(str(config.file))}, expected a grey image"
-        )
+        expected = f"a grey image of 8 or 16 bits, not of {pixels.dtype}"
+        raise InvalidInputError("density.file", str(config.file), expected)
     share = pixels[::-1].astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
     return np.asarray(1 - share if config.invert else share)
