@@ -111,8 +111,9 @@ class RenderConfig(Section):
             shades the rays that depth is cast with, in a fraction of a second and without noise;
             samples, bounces, denoising, depth of field and motion blur do not matter to it.
         samples: Samples per pixel; None for those of the preset: 1 in ``preview``, or 6 in images
-            of up to 64×48 pixels, 3 in ``standard``, 8 in ``high``, 128 in ``final``. With lamps,
-            images of up to 64×48 pixels have 24, but in ``final``.
+            of up to 64×48 pixels, 3 in ``standard``, 8 in ``high``, 128 in ``final``. With lamps
+            or ground that has gloss, such as mud, images of up to 64×48 pixels have 24, but in
+            ``final``.
         max_samples: Samples per pixel of views full of plants. Views have between ``samples`` and
             so many, by how much of them shows fine things such as leaves, or is in shade; images
             of up to 64×48 pixels have so many at once. None for that of the preset (6 in

@@ -49,9 +49,10 @@ SMALL_IMAGE = 20_000
 """Samples of an image that take little time beside what an image of any size does: six per pixel of
 64×48 take 1.05 times as long as three."""
 
-LAMP_SAMPLES = 4
+MANY_SAMPLES = 4
 """How many times as many samples such an image has where there are lamps: each sample is lit by one
-light, and a bright spot of a few pixels is too small to be denoised by those beside it."""
+light, and a bright spot of a few pixels is too small to be denoised by those beside it. As many
+where ground has gloss: its albedo is that of the samples, in which denoising leaves the noise."""
 
 
 class ViewNeed(NamedTuple):
@@ -66,11 +67,25 @@ class ViewNeed(NamedTuple):
     shade: float
 
 
-def adapt(surface: Surface, camera: PlacedCamera, settings: RenderSettings) -> RenderSettings:
-    """Return the settings with a view's own samples per pixel and clutter."""
+def adapt(
+    surface: Surface,
+    camera: PlacedCamera,
+    settings: RenderSettings,
+    *,
+    has_gloss: bool = False,
+) -> RenderSettings:
+    """Return the settings with a view's own samples per pixel and clutter.
+
+    Args:
+        surface: What is seen.
+        camera: Who sees it.
+        settings: The bounds.
+        has_gloss: Whether a layer of the ground has.
+    """
     pixels = camera.intrinsics.width_px * camera.intrinsics.height_px
     if 0 < settings.small_samples * pixels <= SMALL_IMAGE:
-        small = settings.small_samples * (LAMP_SAMPLES if surface.scene.lamps else 1)
+        many = bool(surface.scene.lamps) or has_gloss
+        small = settings.small_samples * (MANY_SAMPLES if many else 1)
         settings = settings.with_samples(max(settings.samples, small))
     is_adaptive = settings.max_samples > settings.samples
     if not is_adaptive and not (settings.denoise and settings.samples > 1):

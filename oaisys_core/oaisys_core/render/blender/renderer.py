@@ -261,7 +261,8 @@ class BlenderBackend(Backend):
             return []
         surface = self._require_built()
         # For albedo alone, too, so that it does not depend on what is rendered beside it.
-        chosen = adapt(surface, camera, settings)
+        has_gloss = self._scene_geometry.ground_albedo.has_gloss
+        chosen = adapt(surface, camera, settings, has_gloss=has_gloss)
         scene = surface.scene
         is_clear = camera.is_sharp and scene.sky.haze is None and scene.material.law is None
         if is_clear and settings.time_budget_s is None:

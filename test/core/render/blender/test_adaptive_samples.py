@@ -114,14 +114,19 @@ def test_small_images_of_one_sample_have_several_where_they_cost_little() -> Non
 
 
 @pytest.mark.parametrize(("samples", "most"), [(1, 1), (3, 6), (8, 8)])
-def test_small_images_have_more_samples_where_there_are_lamps(samples: int, most: int) -> None:
+def test_small_images_have_more_samples_where_there_are_lamps_or_gloss(
+    samples: int, most: int
+) -> None:
     white, down, right = (1.0, 1.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)
     lamp = Lamp("lamp", "point", "map", (10.0, 10.0, 3.0), down, right, 100.0, white)
     lit = Surface(replace(flat_world(), lamps=(lamp,)), None)
     wanted = replace(settings(samples), denoise=True, max_samples=most, small_samples=6)
     assert adapt(lit, DOWN, wanted).samples == 24
+    glossy = Surface(flat_world(), None)
+    assert adapt(glossy, DOWN, wanted, has_gloss=True).samples == 24
     large = replace(DOWN, intrinsics=replace(DOWN.intrinsics, width_px=640, height_px=480))
     assert adapt(lit, large, wanted).samples == samples
+    assert adapt(glossy, large, wanted, has_gloss=True).samples == samples
 
 
 def test_a_picture_has_the_samples_that_its_view_needs() -> None:

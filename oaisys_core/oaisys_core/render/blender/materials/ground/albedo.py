@@ -124,6 +124,11 @@ class GroundAlbedo:
         self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
         self._is_dull = [not is_glossy(layer.maps) for layer in material.layers]
 
+    @property
+    def has_gloss(self) -> bool:
+        """Whether a layer has, so that there are places whose albedo is not computed."""
+        return not all(self._is_dull)
+
     def of_view(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo | None:
         """Return the albedo of a view; None if no layer of the ground has a known one.
 
