@@ -77,7 +77,7 @@ def write_rendered_dataset(
         config=config.model_dump(mode="json"),
         config_sha256=config_sha256(config),
         seed=config.seed,
-        worlds=len(worlds),
+        worlds=max(worlds) + 1,
         views=views,
         splits={"train": 0.7, "val": 0.3},
     )

@@ -22,7 +22,7 @@ from oaisys_ros_bridge.conversions import image_from_msg, nanoseconds, pose_to_s
 from oaisys_ros_bridge.experiments.status import DISCOVERY_TIMEOUT_S, StackStatus
 from oaisys_ros_bridge.namespaces import namespace_arguments
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
-from oaisys_ros_bridge.qos import SENSOR_QOS
+from oaisys_ros_bridge.qos import DEEP_QOS
 from oaisys_ros_bridge.topic_names import TOPIC_BY_MODALITY
 
 ARRIVAL_TIMEOUT_S = 20.0
@@ -191,11 +191,15 @@ class PlannerClient(BackgroundNode):
             images[modality] = image_from_msg(message)
 
         topic = f"{namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/image_raw"
-        self.subscribe(Image, topic, keep, SENSOR_QOS)
+        self.subscribe(Image, topic, keep, DEEP_QOS)
 
     def _has_images(self, stamp: Stamp) -> bool:
         """Return whether the images of all modalities have been received."""
         return len(self._images.get(stamp, ())) >= len(self._modalities)
+
+    def _are_lost(self, stamp: Stamp) -> bool:
+        """Return whether a later sample is complete: images of a topic come in their order."""
+        return any(each > stamp and self._has_images(each) for each in self._images)
 
     def _pop_images(self, stamp: Stamp) -> Images:
         """Return the images of a sample; forget it, and older ones that never became complete."""

@@ -27,6 +27,10 @@ from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryCl
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 
 VIEW_TIMEOUT_S = 300.0
+"""Of a view that is requested, from its request."""
+
+IMAGES_TIMEOUT_S = 60.0
+"""Of the images of a view that is announced, which was rendered before."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +135,7 @@ def _follow(
     while len(result.poses) < limits.views:
         asked_s = time.monotonic()
         found = client.wait_for_commanded_view(
-            planner.silence_s, lambda: process.exit_code is not None, VIEW_TIMEOUT_S
+            planner.silence_s, lambda: process.exit_code is not None, IMAGES_TIMEOUT_S
         )
         if found is None:
             _note_end(planner, process, result)

@@ -25,7 +25,7 @@ from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds, pose_from_msg, 
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient, ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC
-from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, SENSOR_QOS, SMALL_MESSAGE_QOS, TF_QOS
+from oaisys_ros_bridge.qos import DEEP_QOS, LATCHED_HISTORY_QOS, SMALL_MESSAGE_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
 
 FRAME_TIMEOUT_S = 20.0
@@ -52,8 +52,8 @@ class TrajectoryClient(PlannerClient):
         for message_type, topic, add, qos in (
             (TFMessage, TF_STATIC, assembler.add_static, LATCHED_HISTORY_QOS),
             (TFMessage, TF, assembler.add_transforms, TF_QOS),
-            (Image, f"{namespace}/depth/image_raw", self._image_adder("depth"), SENSOR_QOS),
-            (CameraInfo, f"{namespace}/depth/camera_info", self._image_adder("info"), SENSOR_QOS),
+            (Image, f"{namespace}/depth/image_raw", self._image_adder("depth"), DEEP_QOS),
+            (CameraInfo, f"{namespace}/depth/camera_info", self._image_adder("info"), DEEP_QOS),
         ):
             self.subscribe(message_type, topic, partial(self._assemble, add), qos)
         samples = "oaisys_bridge/sample_info"
@@ -144,7 +144,9 @@ class TrajectoryClient(PlannerClient):
         began_s = time.monotonic()
         what = f"the images of sample {info.sample_id}"
         stamp = divmod(stamp_ns, NS_PER_S)
-        self.wait(what, lambda: self._has_images(stamp), timeout_s)
+        self.wait(what, lambda: self._has_images(stamp) or self._are_lost(stamp), timeout_s)
+        if not self._has_images(stamp):
+            raise OaisysError(f"{what} were not received, though those of a later one were")
         with self.changed:
             self._last_stamp_ns = stamp_ns
             self._frames.clear()
