@@ -27,6 +27,8 @@ from oaisys_core.geometry import MAX_M, expect_unit_norm
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
+LEAST_RATE_HZ = 1e-4
+"""Of measurements: with far lower ones, 64 bits do not hold their times in nanoseconds."""
 LEAST_WEIGHT, MOST_WEIGHT = 1e-12, 1e12
 """Of weights, whose sum must be a number that one can draw by."""
 
@@ -125,12 +127,8 @@ class Within:
 
     def _check(self, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] < self.least or value[1] > self.most:
-            is_open = self.most == inf
-            bounds = (
-                f"of at least {self.least:g}"
-                if is_open
-                else f"from {self.least:g} to {self.most:g}"
-            )
+            least, most = f"{self.least:g}", f"{self.most:g}"
+            bounds = f"of at least {least}" if self.most == inf else f"from {least} to {most}"
             raise ValueError(f"expected numbers {bounds}")
         return value
 

@@ -6,7 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import ByKind, Metres, PlaceInDegrees, Position, Positive, Section
+from oaisys_core.config.section import (
+    LEAST_RATE_HZ,
+    ByKind,
+    Metres,
+    PlaceInDegrees,
+    Position,
+    Positive,
+    Section,
+)
 from oaisys_core.files.path_fields import ConfigFile, ConfigPath
 
 Waypoint = tuple[Metres, Metres] | Position
@@ -166,7 +174,7 @@ class DriveConfig(Section):
     waypoints_topic: str | None = None
     duration_s: Positive | None = None
     gravity: Gravity = "earth"
-    odometry_rate_hz: float = Field(default=50.0, ge=1e-4, le=10_000)
+    odometry_rate_hz: float = Field(default=50.0, ge=LEAST_RATE_HZ, le=10_000)
     odometry_drift: OdometryDriftConfig = OdometryDriftConfig()
 
     @property

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from oaisys_core import geometry
-from oaisys_core.config.section import Position, Positive, Quaternion, Section
+from oaisys_core.config.section import LEAST_RATE_HZ, Position, Positive, Quaternion, Section
 from oaisys_core.config.sections.sensing.image_sensor import ImageSensorConfig
 from oaisys_core.errors import InvalidInputError, quote
 from oaisys_core.files.calibrations import read_calibration
@@ -182,7 +182,7 @@ class CameraConfig(OpticsConfig):
     step_interval: int = Field(default=1, ge=1)
     step_offset: int = Field(default=0, ge=0)
     modality_intervals: dict[Modality, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
-    rate_hz: float = Field(default=10.0, ge=1e-4, le=10_000)
+    rate_hz: float = Field(default=10.0, ge=LEAST_RATE_HZ, le=10_000)
     readout_s: float = Field(default=0.0, ge=0, le=10)
     exposure_s: float = Field(default=0.0, ge=0, le=10)
     image_sensor: ImageSensorConfig = ImageSensorConfig()

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from oaisys_core.config.section import Position, Quaternion, Section, Vector3
+from oaisys_core.config.section import LEAST_RATE_HZ, Position, Quaternion, Section, Vector3
 
 Density = Annotated[float, Field(ge=0, le=1e6)]
 
@@ -31,7 +31,7 @@ class ImuConfig(Section):
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)] = "imu"
-    rate_hz: float = Field(default=200.0, ge=1e-4, le=100_000)
+    rate_hz: float = Field(default=200.0, ge=LEAST_RATE_HZ, le=100_000)
     mount_position_m: Position = (0.0, 0.0, 0.0)
     mount_quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     gyroscope_noise_density: Density = 0.0

@@ -7,7 +7,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.section import ByKind, Position, Positive, Quaternion, Section
+from oaisys_core.config.section import (
+    LEAST_RATE_HZ,
+    ByKind,
+    Position,
+    Positive,
+    Quaternion,
+    Section,
+)
 from oaisys_core.files.path_fields import ConfigFile
 from oaisys_core.geometry import MAX_M
 
@@ -214,7 +221,7 @@ class LidarConfig(Section):
     extra_fields: tuple[Literal["label", "instance"], ...] = ()
     step_interval: int = Field(default=1, ge=1)
     step_offset: int = Field(default=0, ge=0)
-    rate_hz: float = Field(default=10.0, ge=1e-4, le=10_000)
+    rate_hz: float = Field(default=10.0, ge=LEAST_RATE_HZ, le=10_000)
     faults: LidarFaultsConfig = LidarFaultsConfig()
 
     @model_validator(mode="after")
