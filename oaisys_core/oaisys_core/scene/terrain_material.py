@@ -93,6 +93,7 @@ class TerrainLayer:
         tiling: How copies of the texture are laid on the ground.
         label_image: Labels that vary within a tile; None if they are ``semantic_ids`` everywhere.
         sward: The grass that stands on it, by name; None for none.
+        loose_stones: The stones that lie on it, by name; None for none.
     """
 
     label: str
@@ -101,6 +102,7 @@ class TerrainLayer:
     tiling: Tiling = field(default_factory=PlainTiling)
     label_image: LabelImage | None = None
     sward: str | None = None
+    loose_stones: str | None = None
 
     def ids_at(self, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:
         """Return (N,) ids of the layer at (N, 2) points, by the texture sample of most weight."""

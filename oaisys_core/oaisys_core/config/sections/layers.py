@@ -25,6 +25,20 @@ from oaisys_core.files.path_fields import ConfigFile, ConfigFolder
 
 CurvePoints = tuple[tuple[Share, Share], ...]
 
+LooseStones = Literal[
+    "none",
+    "gravel",
+    "gravel_dark",
+    "pebbles",
+    "soil",
+    "regolith",
+    "red_sand",
+    "lava",
+    "basalt",
+    "bedrock",
+    "rock",
+]
+
 MASK_VALUE = re.compile(r"\d{1,5}|#[0-9a-f]{6}")
 
 
@@ -124,6 +138,9 @@ class LookConfig(Section):
         sward: Grass that stands on it: short ``turf``, ``grass``, or ``none``; None for that of the
             built-in textures of these names, and none on others. A layer on which a group of
             ``grass_tuft``, ``meadow`` or ``flower_meadow`` stands by its density has none.
+        loose_stones: Stones of 1 to 14 cm that lie on it, by the name of the texture with whose
+            sizes and shapes they are, or ``none``; None for those of a built-in texture if
+            ``materials.loose_stones`` is true, and none on others.
     """
 
     texture: str = "gravel"
@@ -139,6 +156,7 @@ class LookConfig(Section):
     exposure: float | None = Field(default=None, ge=-1, le=1)
     when: ConditionConfig | None = None
     sward: Literal["none", "turf", "grass"] | None = None
+    loose_stones: LooseStones | None = None
 
 
 class LayerConfig(Labelled, LookConfig):

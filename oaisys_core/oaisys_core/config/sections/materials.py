@@ -157,6 +157,7 @@ class MaterialsConfig(Section):
         variation: Change of colour over the stage.
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
+        loose_stones: Whether stones lie on layers of stony built-in textures, see docs/worlds.md.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,
             rock, clay, grass or moss, and 1024 of all others.
         texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
@@ -178,6 +179,7 @@ class MaterialsConfig(Section):
     hapke: HapkeConfig = HapkeConfig()
     variation: VariationConfig = VariationConfig()
     macro_variation: Share = 0.5
+    loose_stones: bool = False
     texture_size_px: int | None = Field(default=None, ge=16, le=8192)
     texture_seed: int = Field(default=0, ge=0)
 

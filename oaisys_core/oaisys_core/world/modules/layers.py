@@ -13,6 +13,7 @@ from oaisys_core import randomness
 from oaisys_core.config.sections.layers import LayerConfig, LookConfig
 from oaisys_core.config.sections.materials import MaterialsConfig, PoolConfig
 from oaisys_core.errors import InvalidInputError, one_of, quote
+from oaisys_core.procedural.scatter.loose_stones import LOOSE_STONES
 from oaisys_core.procedural.scatter.plants.swards import SWARDS
 from oaisys_core.procedural.textures import (
     TEXTURES,
@@ -104,7 +105,8 @@ class LayerLibrary:
         maps = self._remember(repr((source, tile_m, color_change, relief_m, strength)), change)
         labels = _label_image(config, maps.tile_m, materials)
         tiling, sward = _tiling(config, rng), sward_of(config)
-        layer = TerrainLayer(config.label, config.semantic_ids, maps, tiling, labels, sward)
+        stones = loose_stones_of(config, materials)
+        layer = TerrainLayer(config.label, config.semantic_ids, maps, tiling, labels, sward, stones)
         return DrawnLayer(config, layer, relief_m or 0.0)
 
     def _remember(self, key: str, make: Callable[[], PbrMaps]) -> PbrMaps:
@@ -217,6 +219,14 @@ def sward_of(look: LookConfig) -> str | None:
     """Return the name of the grass that stands on a layer; None for none."""
     usual = look.texture if look.folder is None and look.texture in SWARDS else None
     name = look.sward or usual
+    return None if name == "none" else name
+
+
+def loose_stones_of(look: LookConfig, materials: MaterialsConfig) -> str | None:
+    """Return the name of the stones that lie on a layer; None for none."""
+    has_own = look.folder is None and look.texture in LOOSE_STONES
+    usual = look.texture if has_own and materials.loose_stones else None
+    name = look.loose_stones or usual
     return None if name == "none" else name
 
 

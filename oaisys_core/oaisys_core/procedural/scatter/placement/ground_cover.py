@@ -1,8 +1,8 @@
-"""Where the grass of a layer stands: as dense as the layer, and sparse and short at its edge."""
+"""Where grass or stones of a layer are: as dense as the layer, sparse and small at its edge."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from oaisys_core.procedural.scatter.placement.random_poses import (
     poses_with_scale,
     slope_deg,
 )
-from oaisys_core.procedural.scatter.plants.swards import Tuft
 from oaisys_core.procedural.terrain.noise import Field, spectral
 from oaisys_core.scene import Ground, TerrainMaterial
 from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE
@@ -40,12 +39,31 @@ CLUMP_M, CLUMPS_PX = 3.0, 256
 SUNK = 0.01
 """Depth of the feet below the ground, in widths of a tuft."""
 
-MAX_SLOPE_DEG = 55.0
 SHORE_M = 0.03
 """Height above the water from which on grass stands."""
 
 TONES = 3
 """Number of colours of the tufts of a layer: lush, usual and dry."""
+
+
+class CoverKind(Protocol):
+    """What many instances on a layer share."""
+
+    @property
+    def per_m2(self) -> float:
+        """Instances where the layer covers all of the ground."""
+
+    @property
+    def width_m(self) -> tuple[float, float]:
+        """(least, largest) width of one."""
+
+    @property
+    def clumped(self) -> float:
+        """How much they are in clumps: 0 anywhere, 1 only in the best half of places."""
+
+    @property
+    def max_slope_deg(self) -> float:
+        """Steepest ground on which they are."""
 
 
 class Tufts(NamedTuple):
@@ -61,7 +79,7 @@ class Tufts(NamedTuple):
 
 
 def tuft_places(
-    tuft: Tuft,
+    kind: CoverKind,
     layer: int,
     material: TerrainMaterial,
     ground: Ground,
@@ -71,7 +89,7 @@ def tuft_places(
     """Return where the tufts of a layer stand on a stage.
 
     Args:
-        tuft: Their kind.
+        kind: What they are.
         layer: Index of the layer in the material.
         material: Of the ground.
         ground: The stage.
@@ -84,9 +102,9 @@ def tuft_places(
     near = _blur(mask, texel_m)
     clumps = _clumps(mask.shape, float(max(x1 - x0, y1 - y0)), rng)
     wanted = near * mask * (mask >= LEAST_WEIGHT)
-    wanted *= np.clip(1 + tuft.clumped * (2 * clumps - 1.5), 0, 1)
+    wanted *= np.clip(1 + kind.clumped * (2 * clumps - 1.5), 0, 1)
     total = np.cumsum(wanted, dtype=np.float64)
-    number = tuft.per_m2 * float(total[-1]) * float(texel_m.prod())
+    number = kind.per_m2 * float(total[-1]) * float(texel_m.prod())
     count = min(round(number), MAX_TUFTS)
     if not count:
         return Tufts(np.zeros((0, 2)), np.zeros(0))
@@ -96,8 +114,8 @@ def tuft_places(
     xy_m = np.array((x0, y0)) + place * texel_m
     grown = STUNTED + (1 - STUNTED) * near[rows, columns]
     grown *= 0.75 + 0.5 * clumps[rows, columns]
-    sizes_m = rng.uniform(*tuft.width_m, count) * grown * min((number / count) ** 0.5, LARGEST)
-    stands = slope_deg(ground, xy_m) <= MAX_SLOPE_DEG
+    sizes_m = rng.uniform(*kind.width_m, count) * grown * min((number / count) ** 0.5, LARGEST)
+    stands = slope_deg(ground, xy_m) <= kind.max_slope_deg
     if water_m is not None:
         stands &= ground.height_at(xy_m) > water_m + SHORE_M
     return Tufts(xy_m[stands], sizes_m[stands])

@@ -31,7 +31,7 @@ from oaisys_core.types import FloatArray
 
 Color = tuple[float, float, float]
 
-LEAF_TRIANGLES = 4
+LEAF_TRIANGLES, SIMPLE_TRIANGLES = 4, 2
 
 NEEDLE_SHARE, FORK_SHARE = 0.1, 0.45
 """Shares of the triangles that needles and forks have where shoots stand for most needles."""
@@ -113,10 +113,11 @@ class Dress:
 
     def _leaves(self, wanted: float, most: int, rng: np.random.Generator) -> None:
         """Add leaves, as many of them folded ones of four triangles as there may be."""
-        feet, directions, colors = self._places(min(wanted, most), rng)
+        feet, directions, colors = self._places(min(wanted, most / SIMPLE_TRIANGLES), rng)
         count = len(feet)
         leaves = (feet, directions, *self.organ.draw(count, rng, self.size_m), colors)
-        folded = rng.permutation(count) < (most - count) // (LEAF_TRIANGLES - 1)
+        spare = max(most - count * SIMPLE_TRIANGLES, 0)
+        folded = rng.permutation(count) < spare // (LEAF_TRIANGLES - SIMPLE_TRIANGLES)
         for chosen, add in ((folded, add_leaves), (~folded, add_simple_leaves)):
             some = Organs(*(each[chosen] for each in leaves))
             add(self.parts, some, rng, droop=self.foliage.droop)

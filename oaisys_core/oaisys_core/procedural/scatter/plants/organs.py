@@ -21,6 +21,10 @@ LEAF_TRANSLUCENCY = 0.45
 
 NEEDLE_TRANSLUCENCY = 0.2
 
+WIDEST, SIMPLE_FOLD = 0.4, 0.3
+"""Of leaves of two triangles: where they are widest, as a share of the length, and the height of
+their sides above the midrib, as a share of half the width."""
+
 
 class Organs(NamedTuple):
     """N leaves, needles or shoots.
@@ -105,19 +109,17 @@ def add_simple_leaves(
     *,
     droop: float = 0.25,
 ) -> None:
-    """Add leaves of one triangle each, as large as those of `add_leaves`."""
+    """Add leaves of two triangles each, folded along the midrib, widest below their middle."""
     feet_m, directions, lengths_m, widths_m, colors = organs
     ahead = unit(unit(directions) - 0.5 * droop * UP)
     side = unit(np.cross(ahead, UP + 0.6 * rng.normal(size=ahead.shape)))
-    side *= rng.choice((-1.0, 1.0), (len(side), 1))
+    normal = np.cross(side, ahead)
     long, half = lengths_m[:, None], 0.5 * widths_m[:, None]
-    shift = 0.35 * half * side
-    near = feet_m + 0.45 * long * ahead
-    corners = np.stack(
-        (feet_m - shift, near + 2 * half * side - shift, feet_m + long * ahead - shift), axis=1
-    )
-    shade = np.array((0.85, 1.0, 1.08))
-    _add(parts, corners, np.array(((0, 1, 2),)), colors[:, None] * shade[:, None],
+    near = feet_m + WIDEST * long * ahead + SIMPLE_FOLD * half * normal
+    tip = feet_m + long * ahead
+    corners = np.stack((feet_m, near + half * side, tip, near - half * side), axis=1)
+    shade = np.array((0.85, 1.0, 1.08, 1.0))
+    _add(parts, corners, np.array(((0, 1, 2), (0, 2, 3))), colors[:, None] * shade[:, None],
          LEAF_TRANSLUCENCY)  # fmt: skip
 
 

@@ -55,6 +55,7 @@ class Tuft(NamedTuple):
         dry: Share of straw in their colour.
         herbs: Number of rosettes of leaves.
         clumped: How much they stand in clumps: 0 anywhere, 1 only in the best half of places.
+        max_slope_deg: Steepest ground on which it stands.
     """
 
     per_m2: float
@@ -68,6 +69,7 @@ class Tuft(NamedTuple):
     dry: float
     herbs: int
     clumped: float
+    max_slope_deg: float = 55.0
 
 
 SWARDS: dict[str, tuple[Tuft, ...]] = {

@@ -38,8 +38,8 @@ from oaisys_core.types import FloatArray, Georeference, GroupCount, Pose
 from oaisys_core.world.modules.assets.beyond import ThingsOnStage, plants_beyond, rocks_beyond
 from oaisys_core.world.modules.assets.ground_cover import (
     CoveredGround,
+    covers_of_layers,
     draw_ground_cover,
-    layers_with_grass,
 )
 from oaisys_core.world.modules.assets.metadata import AssetMetadata
 from oaisys_core.world.modules.assets.movers import Mover, scale_pose
@@ -219,16 +219,16 @@ class AssetGenerator:
         self._place_beyond(group, plants, on_land, around, randomness.child(rng, "beyond"))
 
     def _draw_ground_cover(self) -> None:
-        """Draw the grass that layers of the ground bring with them."""
+        """Draw the grass and the stones that layers of the ground bring with them."""
         site = self._site
         if site.material is None:
             return
-        layers = layers_with_grass(site.material, self._config.groups)
+        covers = covers_of_layers(site.material, self._config.groups)
         covered = CoveredGround(
             site.ground, site.material, site.land, site.water_m, site.water_beyond
         )
         rng = randomness.child(self._rng, "ground cover")
-        prototypes, placements = draw_ground_cover(covered, layers, len(self._prototypes), rng)
+        prototypes, placements = draw_ground_cover(covered, covers, len(self._prototypes), rng)
         self._prototypes.extend(prototypes)
         self._placements.extend(AssetPlacement(each) for each in placements)
 

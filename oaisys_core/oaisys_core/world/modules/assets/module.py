@@ -28,7 +28,7 @@ from oaisys_core.types import ObjectPage, ObjectQuery, merge
 from oaisys_core.world.module import Metadata, Module, World, require
 from oaisys_core.world.modules.assets.drawing import AssetGenerator, DrawnAssets, Site
 from oaisys_core.world.modules.assets.edits import EditedAssets, check_labels
-from oaisys_core.world.modules.assets.ground_cover import layers_with_grass
+from oaisys_core.world.modules.assets.ground_cover import covers_of_layers
 from oaisys_core.world.modules.assets.metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.world.modules.assets.object_list import (
     ObjectInstances,
@@ -152,7 +152,7 @@ class AssetsModule(Module):
     def _brings_grass(self, world: World) -> bool:
         """Return whether a layer of the ground brings grass."""
         material = world.material
-        return material is not None and bool(layers_with_grass(material, self._config.groups))
+        return material is not None and bool(covers_of_layers(material, self._config.groups))
 
     def _material(self, world: World) -> TerrainMaterial | None:
         """Return the material of the ground if anything stands where a layer lies; else None."""
