@@ -52,7 +52,7 @@ class StonePatch(NamedTuple):
     Attributes:
         per_m2: Instances where the layer covers all of the ground.
         width_m: (least, largest) width of the patch.
-        clumped: How much they lie in clumps: 0 anywhere, 1 only in the best half of places.
+        clumping: How much they lie in clumps: 0 anywhere, 1 only in the best half of places.
         kind: Of the stones, see `rocks.ROCK_KINDS`.
         cover: Share of the patch that they cover.
         size_m: (least, largest) size of a stone.
@@ -63,7 +63,7 @@ class StonePatch(NamedTuple):
 
     per_m2: float
     width_m: tuple[float, float]
-    clumped: float
+    clumping: float
     kind: str
     cover: float
     size_m: tuple[float, float]

@@ -58,7 +58,7 @@ class CoverKind(Protocol):
         """(least, largest) width of one."""
 
     @property
-    def clumped(self) -> float:
+    def clumping(self) -> float:
         """How much they are in clumps: 0 anywhere, 1 only in the best half of places."""
 
     @property
@@ -102,7 +102,7 @@ def tuft_places(
     near = _blur(mask, texel_m)
     clumps = _clumps(mask.shape, float(max(x1 - x0, y1 - y0)), rng)
     wanted = near * mask * (mask >= LEAST_WEIGHT)
-    wanted *= np.clip(1 + kind.clumped * (2 * clumps - 1.5), 0, 1)
+    wanted *= np.clip(1 + kind.clumping * (2 * clumps - 1.5), 0, 1)
     total = np.cumsum(wanted, dtype=np.float64)
     number = kind.per_m2 * float(total[-1]) * float(texel_m.prod())
     count = min(round(number), MAX_TUFTS)

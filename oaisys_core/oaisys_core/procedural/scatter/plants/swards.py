@@ -54,7 +54,7 @@ class Tuft(NamedTuple):
         bend: By how much they hang over.
         dry: Share of straw in their colour.
         herbs: Number of rosettes of leaves.
-        clumped: How much they stand in clumps: 0 anywhere, 1 only in the best half of places.
+        clumping: How much they stand in clumps: 0 anywhere, 1 only in the best half of places.
         max_slope_deg: Steepest ground on which it stands.
     """
 
@@ -68,7 +68,7 @@ class Tuft(NamedTuple):
     bend: float
     dry: float
     herbs: int
-    clumped: float
+    clumping: float
     max_slope_deg: float = 55.0
 
 

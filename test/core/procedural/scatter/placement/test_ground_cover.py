@@ -75,7 +75,7 @@ def test_tufts_are_fewer_and_smaller_at_the_edge_of_a_layer() -> None:
 
 def test_a_layer_that_covers_all_has_as_many_tufts_as_it_says() -> None:
     whole = np.ones((200, 200), np.float32)
-    tuft = patch()._replace(clumped=0.0)
+    tuft = patch()._replace(clumping=0.0)
     found = tuft_places(tuft, 0, material(whole), ground(), np.random.default_rng(3))
     assert len(found.xy_m) <= tuft.per_m2 * EDGE_M**2
     assert len(found.xy_m) > 0.6 * tuft.per_m2 * EDGE_M**2

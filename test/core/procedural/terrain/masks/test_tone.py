@@ -53,8 +53,8 @@ def test_plants_are_yellow_where_it_is_dry_and_have_dark_clumps() -> None:
     yellow = (found[..., 0] / found[..., 1])[20:-20]
     assert yellow[:, 16:24].mean() > 1.1 * yellow[:, 60:68].mean()
     bare = factors()[20:-20, 60:68, 1]
-    clumped = found[20:-20, 60:68, 1]
-    dark, dark_bare = ((each < 0.75 * np.median(each)).mean() for each in (clumped, bare))
+    clumping = found[20:-20, 60:68, 1]
+    dark, dark_bare = ((each < 0.75 * np.median(each)).mean() for each in (clumping, bare))
     assert dark > 0.03 > 2 * dark_bare
 
 
