@@ -71,7 +71,10 @@ class Haze:
 
 @dataclass(frozen=True)
 class Clouds:
-    """Clouds, which cameras and reflections see; the sky's light on the ground is as without them.
+    """Clouds, which cameras and reflections see.
+
+    Below broken ones, the sky's light on the ground is as without them; below a closed layer, it is
+    theirs.
 
     Attributes:
         cover: Share of what is straight above that they hide.

@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from oaisys_core.color import LUMINANCE, linear, mean_linear
+from oaisys_core.procedural.environment.clouds.daylight import daylight_factors
 from oaisys_core.procedural.environment.clouds.dome import before_sky
 from oaisys_core.procedural.environment.light import (
     gradient_irradiance_w_m2,
@@ -81,7 +82,8 @@ def shade(view: View, palette: Palette, surface: Surface) -> FloatArray:
     scene, normals = surface.scene, surface.normals(view)
     sky = scene.sky
     sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
-    sky_w_m2 = sky_irradiance_w_m2(sky) @ LUMINANCE * (1 + normals[..., 2]) / 2
+    of_sky_w_m2 = sky_irradiance_w_m2(sky) * daylight_factors(sky)
+    sky_w_m2 = of_sky_w_m2 @ LUMINANCE * (1 + normals[..., 2]) / 2
     albedo, seen = palette.albedo(view, surface), view.is_hit
     if scene.material.law is not None:
         on_ground = view.is_ground

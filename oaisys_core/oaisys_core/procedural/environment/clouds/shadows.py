@@ -8,6 +8,7 @@ from math import cos, radians, sin, tan
 
 import numpy as np
 
+from oaisys_core.procedural.environment.clouds.daylight import spread_share
 from oaisys_core.procedural.environment.clouds.depths import MIN_SUN_RAD
 from oaisys_core.procedural.environment.clouds.dome import dome_under
 from oaisys_core.procedural.environment.clouds.field import GRID, TILE_SIZES
@@ -25,8 +26,9 @@ LEAST_SUN_RAD = radians(0.25)
 class CloudShadows:
     """Shadows that repeat as the clouds do.
 
-    Light that clouds scatter downwards counts as sunlight from the sun's direction (Bohren 1987,
-    see `diffuse_share`), so that the ground gets as much of it in all as below real clouds.
+    Light that broken clouds scatter downwards counts as sunlight from the sun's direction (Bohren
+    1987, see `diffuse_share`), so that the ground gets as much of it in all as below real clouds.
+    Below a closed layer it comes from the whole sky, see `daylight`.
 
     Attributes:
         share: (GRID, GRID) of sunlight, where a ray to the sun meets the clouds' undersides; texel
@@ -70,8 +72,9 @@ def cloud_shadows(sky: Sky) -> CloudShadows | None:
     azimuth_rad, elevation_rad = sky.sun_azimuth_rad, sky.sun_elevation_rad
     per_m = 1 / tan(elevation_rad)
     too_far_m = clouds.base_m * (per_m - 1 / tan(max(elevation_rad, MIN_SUN_RAD)))
+    to_sun, spread = dome_under(sky, clouds).to_sun, np.float32(spread_share(clouds))
     return CloudShadows(
-        diffuse_share(dome_under(sky, clouds).to_sun),
+        (1 - spread) * diffuse_share(to_sun) + spread * np.exp(-to_sun),
         clouds.size_m * TILE_SIZES,
         clouds.base_m,
         (per_m * cos(azimuth_rad), per_m * sin(azimuth_rad)),

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from oaisys_core.procedural.environment.clouds.daylight import daylight_factors
 from oaisys_core.procedural.environment.clouds.shadows import cloud_shadows
 from oaisys_core.procedural.environment.light import plain_radiance, sun_color, veil_radiance
 from oaisys_core.render.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
@@ -61,13 +62,15 @@ class Background:
                 color = _behind_haze(tree, sky, sky.haze, ray, color)
             return tree.add("Background", {"Color": color}).outputs[0]
 
-        surface = with_color(open_sky)
-        if sky.shows_clouds:
+        if not sky.shows_clouds:
+            surface = with_color(open_sky)
+        else:
+            lit = tree.vector("MULTIPLY", color, daylight_factors(sky))
             seen = tree.add("LightPath").outputs
             is_seen = tree.math("MAXIMUM", seen["Is Camera Ray"], seen["Is Glossy Ray"])
             # A background of its own, which Cycles evaluates for these rays only.
             seen_color = before_sky(tree, sky, self._clouds.along(tree, ray), color, disc)
-            surface = tree.mix(is_seen, surface, with_color(seen_color))
+            surface = tree.mix(is_seen, with_color(lit), with_color(seen_color))
         tree.add("OutputWorld", {"Surface": surface})
 
     def _hdri_color(self, tree: NodeTree, hdri: Hdri, ray: Socket) -> Socket:

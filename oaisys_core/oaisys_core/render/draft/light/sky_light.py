@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.environment import atmosphere
+from oaisys_core.procedural.environment.clouds.daylight import daylight_factors
 from oaisys_core.procedural.environment.clouds.dome import before_sky, sun_through_clouds
 from oaisys_core.procedural.environment.light import plain_radiance, sun_color
 from oaisys_core.render.draft.appearance import Floats, empty, zeros
@@ -46,8 +47,8 @@ class SkyLight:
             )
             self._clear = found * np.float32(sky.sky_strength)
         rays = _directions()
-        # Clouds leave the light of the sky.
-        radiance = self._behind_haze(rays, self._without_haze(rays))
+        factors = np.array(daylight_factors(sky), np.float32)
+        radiance = self._behind_haze(rays, self._without_haze(rays) * factors)
         radiance[rays[:, 2] < 0] = 0
         # Each direction stands for the same solid angle.
         basis = _harmonics(rays.astype(np.float32))

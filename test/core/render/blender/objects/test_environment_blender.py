@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import SUNNY, camera, flat_world
 
 from oaisys_core.geometry import pixel_rays, pose_looking_at
+from oaisys_core.procedural.environment.clouds.daylight import daylight_factors
 from oaisys_core.procedural.environment.clouds.shadows import cloud_shadows
 from oaisys_core.procedural.terrain.surroundings.plain import plain_around
 from oaisys_core.render.shading.shading import sky_radiance
@@ -119,6 +120,21 @@ def test_clouds_are_those_of_the_dome_and_leave_the_light() -> None:
     assert 0.2 < (np.abs(shown - blue).max(axis=-1) > 0.02).mean() < 0.9
     assert np.quantile(np.abs(shown - expected), 0.99) < 3 / 255
     assert (cloudy_ground[below] == clear_ground[below]).all()
+
+
+@pytest.mark.long
+def test_below_a_closed_layer_the_ground_has_its_light_alone() -> None:
+    closed = Clouds(1.0, 1000.0, 1500.0, 900.0, seed=4)
+    cloudy = replace(SUNNY, model="plain", clouds=closed)
+    no_sun = replace(cloudy, clouds=None, sun_strength_w_m2=0.0)
+    level = camera(pose_looking_at((-19, 0, 3), (0, 0, 0.25)))
+    scene = replace(flat_world(), primitives=())
+    dark, lit = in_blender("environment.linear_views", scene, [level], [no_sun, cloudy], 16)
+    on_ground = rays_of(level)[..., 2] < -0.1
+    factors = np.array(daylight_factors(cloudy))
+    assert np.abs(factors - 1).max() > 0.2
+    found = lit[on_ground].mean(axis=0) / dark[on_ground].mean(axis=0)
+    np.testing.assert_allclose(found, factors, rtol=0.03)
 
 
 @pytest.mark.long
