@@ -128,6 +128,8 @@ class Bed:
 
     def local_places(self) -> tuple[Field, Field]:
         """Return the (N, N) x and y of texels in the stamp on top, -1 to 1; 0 on bare ground."""
+        if not self.count:
+            return np.zeros_like(self.height), np.zeros_like(self.height)
         size_px = len(self.height)
         centre, radius, heading = (each.astype(np.float32) for each in self.placements[:3])
         ids = np.maximum(self.ids, 0)

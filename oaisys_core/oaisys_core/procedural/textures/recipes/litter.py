@@ -55,19 +55,20 @@ ALBEDO = 0.13
 FALLEN = Laying(buried=(-0.25, 0.1), rest=0.25, follows=0.8, makes_room=False)
 """Leaves that lie on others, and lean as what is below does."""
 
-TWIGS = 100
+TWIGS = 160
 
 
 def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """A forest's floor in autumn: leaves of 4 to 13 cm in layers over their crumbs and humus."""
+    """A forest's floor: leaves of 2 to 9 cm in layers, and their fragments, over crumbs and humus."""
     lumps = swell(size_px, 3, rng, 2.0)
     leaves, limits = cast_leaves(), (0.002 / TILE_M, 0.012 / TILE_M)
     crumbs = grit(size_px, cast_rocks("slab"), PowerLaw(1.8), 0.9, limits, rng)
     bed = Bed(lumps * np.float32(0.008 / TILE_M) + 0.6 * crumbs.height)
-    pour(bed, TILE_M, leaves, PowerLaw(1.5), 0.35, (0.008, 0.025), FALLEN, rng)
+    pour(bed, TILE_M, leaves, PowerLaw(1.5), 0.6, (0.006, 0.025), FALLEN, rng)
     fragments = bed.count
-    for cover in (0.75, 0.65):
-        pour(bed, TILE_M, leaves, RosinRammler(0.05, 4.0), cover, (0.025, 0.08), FALLEN, rng)
+    for cover in (0.5, 0.4):
+        pour(bed, TILE_M, leaves, RosinRammler(0.036, 2.5), cover, (0.014, 0.055), FALLEN, rng)
+        pour(bed, TILE_M, leaves, PowerLaw(1.5), 0.15, (0.006, 0.02), FALLEN, rng)
     grain, uneven = fine_noises(size_px, rng)
     tone = _tones(bed.count, fragments, rng)[bed.ids]
     is_leaf = bed.ids >= 0
@@ -76,7 +77,7 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
     color *= _veins(x, y, is_leaf)[..., None]
     # Where it is damp, leaves have rotted further: darker, and less colourful.
     damp = smoothstep(-1.0, 2.0, swell(size_px, 3, rng, 1.7) - 0.5 * lumps)
-    color = blend(color, ROTTEN, 0.5 * damp)
+    color = blend(color, ROTTEN, 0.2 + 0.5 * damp)
     earth = tint(1 + 0.25 * crumbs.tone + 0.12 * grain, HUMUS)
     color = np.where(is_leaf[..., None], color, earth)
     height = bed.height + np.float32(0.0002 / TILE_M) * uneven
