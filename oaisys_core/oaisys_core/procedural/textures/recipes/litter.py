@@ -59,7 +59,7 @@ TWIGS = 160
 
 
 def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
-    """A forest's floor: leaves of 2 to 9 cm in layers, and their fragments, over crumbs and humus."""
+    """A forest floor: leaves of 2 to 9 cm in layers, their fragments, crumbs and humus below."""
     lumps = swell(size_px, 3, rng, 2.0)
     leaves, limits = cast_leaves(), (0.002 / TILE_M, 0.012 / TILE_M)
     crumbs = grit(size_px, cast_rocks("slab"), PowerLaw(1.8), 0.9, limits, rng)

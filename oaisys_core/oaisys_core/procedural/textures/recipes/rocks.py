@@ -43,6 +43,9 @@ LEANS = (0.12, 0.20, 0.25, 0.24)
 STEPS = (0.018, 0.022, 0.020, 0.015)
 """Deviations of the heights of blocks, relative to their sizes."""
 
+BENDS = (0.018, 0.025, 0.045, 0.065)
+"""How far borders of blocks are bent, relative to their sizes: large joints are straight."""
+
 TONES = (1.0, 0.7, 0.45, 0.3)
 """Deviations of their tones, relative to that of the largest: from afar, nothing else is seen."""
 
@@ -62,6 +65,22 @@ class Broken(NamedTuple):
     height: Field
     tone: Field
     crack: Field
+
+
+class BlockShape(NamedTuple):
+    """Blocks of one size.
+
+    Attributes:
+        count: Blocks along a tile's edge.
+        lean: Slope of their faces.
+        step: Deviation of their heights, in tile edges.
+        bend: How far their borders are bent, relative to their size.
+    """
+
+    count: int
+    lean: float
+    step: float
+    bend: float
 
 
 class Look(NamedTuple):
@@ -160,7 +179,7 @@ def _weathered(
     edge = np.clip((height_m - fields.blur(height_m, 0.013 / tile_m * size_px)) / 0.005, -1, 1)
     height_m -= 0.02 * broken.crack
     tone = 1 + 0.085 * broken.tone + 0.05 * rough + 0.03 * uneven + 0.04 * grain
-    tone += 0.11 * edge - 0.35 * broken.crack
+    tone += 0.09 * edge - 0.2 * broken.crack
     color = _age(look, tone, broken, grain, tile_m, rng)
     if grit_share:
         fill_m = wide_blur(height_m, 0.033 / tile_m * size_px)
@@ -171,7 +190,7 @@ def _weathered(
         height_m += (np.maximum(fill_m, height_m) - height_m) * share
         color = blend(color, tint(1 + 0.09 * grain + 0.06 * uneven, GRIT), 0.85 * share)
     height = np.asarray(height_m / tile_m, np.float32)
-    return finish_maps(color, height, 0.86 + 0.03 * grain, albedo=look.albedo, shade=0.75)
+    return finish_maps(color, height, 0.86 + 0.03 * grain, albedo=look.albedo, shade=0.5)
 
 
 def _broken(size_px: int, tile_m: float, shattered: float, rng: np.random.Generator) -> Broken:
@@ -190,7 +209,8 @@ def _broken(size_px: int, tile_m: float, shattered: float, rng: np.random.Genera
     )
     for number, part in enumerate(present):
         count = max(2, round(tile_m / BLOCKS_M[number]))
-        blocks = partial(_blocks, count, LEANS[number] * leans, STEPS[number] / count, rng)
+        shape = BlockShape(count, LEANS[number], STEPS[number] / count, BENDS[number])
+        blocks = partial(_blocks, shape, leans, rng)
         faces, each, border = all_at_half(size_px, blocks)
         height += part * faces
         tone += TONES[number] * part * each
@@ -201,14 +221,20 @@ def _broken(size_px: int, tile_m: float, shattered: float, rng: np.random.Genera
 
 
 def _blocks(
-    count: int, leans: FloatArray, step: float, rng: np.random.Generator, size_px: int
+    shape: BlockShape, leans: FloatArray, rng: np.random.Generator, size_px: int
 ) -> tuple[Field, Field, Field]:
-    """Return heights, a random value of each block, and distances to borders, in tile edges."""
-    ids = cells.voronoi(size_px, count, rng, warp=0.065, jitter=0.49, smooth=1.7)
-    spread = 0.5 * float(np.hypot(*leans[0]))
-    faces = cells.facet_heights(ids, rng, leans, spread)
+    """Return heights, a random value of each block, and distances to borders, in tile edges.
+
+    Args:
+        shape: Of the blocks.
+        leans: (J, 2) unit vectors along which faces lean.
+        rng: Draws them.
+        size_px: Edge length of the tile.
+    """
+    ids = cells.voronoi(size_px, shape.count, rng, warp=shape.bend, jitter=0.49, smooth=1.7)
+    faces = cells.facet_heights(ids, rng, shape.lean * leans, 0.5 * shape.lean)
     each = cells.per_cell(ids, rng)
-    return faces + np.float32(step) * each, each, cells.border_distance(ids) / size_px
+    return faces + np.float32(shape.step) * each, each, cells.border_distance(ids) / size_px
 
 
 def _age(
