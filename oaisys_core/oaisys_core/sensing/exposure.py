@@ -47,8 +47,9 @@ which it has this weight: on the Moon, it would leave the little that is lit whi
 USUAL_ALBEDO, LEAST_ALBEDO = 0.2, 0.01
 """Albedo of ground that is exposed to the target itself, and the least that ground counts for."""
 
-MAX_DARKENING_EV = 2.0
-"""Stops by which bright parts may darken a picture."""
+MAX_DARKENING_EV, MAX_DARKENING_BY_SKY_EV = 2.0, 1.0
+"""Stops by which bright ground may darken a picture, and bright sky and ground together: a wood
+before bright clouds would be black."""
 
 DIGITS = 3
 """Decimal digits of an exposure in stops: 0.001 changes no byte by more than one."""
@@ -102,11 +103,15 @@ def meter_ev(
     if mean <= 0.0:
         return meter.max_ev
     exposure_ev = log2(meter.target / mean)
-    bright = float(np.quantile(_of_cells(luminance), 1.0 - meter.bright_share))
-    if bright > 0.0:
-        highest_ev = max(log2(white / bright), exposure_ev - MAX_DARKENING_EV)
-        exposure_ev = min(exposure_ev, highest_ev)
-    exposure_ev += meter.compensation_ev - base_ev
+    limits_ev = [exposure_ev]
+    for shown, most_ev in (
+        (luminance * surface, MAX_DARKENING_EV),
+        (luminance, MAX_DARKENING_BY_SKY_EV),
+    ):
+        bright = float(np.quantile(_of_cells(shown), 1.0 - meter.bright_share))
+        if bright > 0.0:
+            limits_ev.append(max(log2(white / bright), exposure_ev - most_ev))
+    exposure_ev = min(limits_ev) + meter.compensation_ev - base_ev
     return round(min(max(exposure_ev, meter.min_ev), meter.max_ev), DIGITS)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +76,26 @@ def test_a_lamps_light_on_dark_ground_is_not_white() -> None:
     assert 0.3 < exposed < 4.0
 
 
-def test_bright_parts_darken_the_picture_until_they_are_white_or_by_two_stops() -> None:
+def test_a_bright_sky_darkens_the_picture_until_it_is_white_or_by_one_stop() -> None:
     even = meter_ev(picture(0.09, 0.09), GROUND, METER)
     white = 2.0 ** meter_ev(picture(0.09, 0.8), GROUND, METER) * 0.8
     assert white == pytest.approx(1.0, rel=1e-3)
-    assert even - meter_ev(picture(0.09, 50.0), GROUND, METER) == pytest.approx(2.0, abs=0.3)
+    assert even - meter_ev(picture(0.09, 50.0), GROUND, METER) == pytest.approx(1.0, abs=0.3)
     brighter_white = meter_ev(picture(0.09, 0.8), GROUND, METER, white=4.0)
     assert brighter_white == pytest.approx(even, abs=0.3)
+
+
+def test_bright_ground_darkens_the_picture_by_two_stops() -> None:
+    spot = picture(0.09, 0.09)
+    spot[40:48, 8:24] = 1.4
+    mean = (0.09 * (24 * 64 - 128) + 1.4 * 128) / (24 * 64)
+    by_mean_ev = np.log2(METER.target / mean)
+    white = replace(METER, bright_share=0.5)
+    # Metered by its mean alone, half of the picture may be bright; else 1.4 would be white.
+    assert meter_ev(spot, GROUND, white) == pytest.approx(by_mean_ev, abs=0.1)
+    assert meter_ev(spot, GROUND, METER) == pytest.approx(np.log2(1 / 1.4), abs=0.01)
+    limited = meter_ev(spot, GROUND, white) - meter_ev(spot, GROUND, METER, white=0.1)
+    assert limited == pytest.approx(2.0, abs=1e-3)
 
 
 def test_the_sky_decides_where_there_is_nothing_else() -> None:

@@ -83,7 +83,7 @@ class AutoExposureConfig(Section):
         min_ev, max_ev: Limits in stops, as of ``exposure_ev``. At the default upper limit, a camera
             that needs 0.5 ms at noon exposes for 33 ms with a gain of 12 dB; nights stay dark.
         bright_share: Share of the image that may be brighter than white; it darkens an image by at
-            most 2 stops.
+            most 2 stops, and by at most 1 if only the sky is as bright.
         albedo_share: How far the brightness of the ground itself shows. 0 exposes black sand and
             snow alike, as reflected-light meters do; 1 shows them as different as they are, as
             incident-light meters do. Ground with a mean albedo of 0.2 is exposed alike by both.
