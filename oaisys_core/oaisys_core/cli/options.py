@@ -41,5 +41,5 @@ QualityOption = Annotated[
     ),
 ]
 SizeOption = Annotated[
-    str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled accordingly.")
+    str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled by the width.")
 ]

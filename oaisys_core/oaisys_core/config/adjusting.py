@@ -29,8 +29,8 @@ def adjust(
         backend: ``blender`` or ``analytic``.
         quality: Quality preset; it also resets ``samples``, ``max_samples`` and
             ``max_bounces``.
-        size: Image size of all cameras as ``WIDTHxHEIGHT``; K is scaled, so that the field of view
-            stays the same.
+        size: Image size of all cameras as ``WIDTHxHEIGHT``; K is scaled by the width, so that the
+            horizontal field of view and the shape of the pixels stay the same.
 
     Raises:
         InvalidInputError: Names the option, the value and what was expected.
@@ -70,7 +70,7 @@ def _resize(camera: CameraConfig, width_px: int, height_px: int) -> dict[str, An
         "width_px": width_px,
         "height_px": height_px,
         "fx_px": camera.fx_px * x,
-        "fy_px": camera.fy_px * y,
+        "fy_px": camera.fy_px * x,
         "cx_px": cx_px,
         "cy_px": cy_px,
     }

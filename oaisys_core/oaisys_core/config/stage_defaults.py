@@ -15,8 +15,8 @@ SKY_OF_BODY: dict[str, Section] = {
     "moon": {"model": "none"},
     "mars": {
         "model": "plain",
-        "zenith_srgb": (0.68, 0.54, 0.41),
-        "horizon_srgb": (0.85, 0.69, 0.48),
+        "zenith_srgb": (0.68, 0.56, 0.43),
+        "horizon_srgb": (0.85, 0.71, 0.53),
         "glow_srgb": (0.55, 0.52, 0.50),
         "glow_deg": 14.0,
     },

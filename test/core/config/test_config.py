@@ -16,7 +16,7 @@ from oaisys_core.config import (
 from oaisys_core.errors import ConfigError
 from oaisys_core.geometry import unproject
 from oaisys_core.procedural.terrain.presets import PRESETS
-from oaisys_core.types import PinholeIntrinsics
+from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_core.world.modules import SensorsModule
 
 
@@ -125,18 +125,31 @@ def test_a_sphere_may_be_given_by_its_radius() -> None:
     assert config.assets.primitives[0].size_m == (2.0, 2.0, 2.0)
 
 
+def directions(camera: PinholeIntrinsics, pixels: list[tuple[float, float]]) -> FloatArray:
+    return unproject(np.array(pixels), np.ones(len(pixels)), camera)
+
+
+def intrinsics_of(config: SimulationConfig, size: str | None) -> PinholeIntrinsics:
+    return SensorsModule(adjust(config, size=size).sensors).sensors[0].intrinsics
+
+
 def test_resizing_keeps_what_a_camera_sees() -> None:
-    camera = {"cx_px": 300.0, "fy_px": 500.0}
-    config = config_from_mapping({"sensors": {"cameras": [camera]}})
-    before = SensorsModule(config.sensors).sensors[0].intrinsics
-    after = SensorsModule(adjust(config, size="320x120").sensors).sensors[0].intrinsics
-    corners = np.array([[-0.5, -0.5], [639.5, 479.5]])
-    small_corners = np.array([[-0.5, -0.5], [319.5, 119.5]])
+    config = config_from_mapping({"sensors": {"cameras": [{"cx_px": 300.0, "fy_px": 500.0}]}})
+    before, after = intrinsics_of(config, None), intrinsics_of(config, "320x240")
+    corners = directions(before, [(-0.5, -0.5), (639.5, 479.5)])
+    assert np.allclose(corners, directions(after, [(-0.5, -0.5), (319.5, 239.5)]))
 
-    def directions(camera: PinholeIntrinsics, pixels: np.ndarray) -> np.ndarray:
-        return unproject(pixels, np.ones(2), camera)
 
-    assert np.allclose(directions(before, corners), directions(after, small_corners))
+@pytest.mark.parametrize("height_px", [90, 240, 400])
+def test_another_aspect_keeps_the_width_of_the_view_and_the_shape_of_pixels(height_px: int) -> None:
+    config = config_from_mapping({"sensors": {"cameras": [{"cx_px": 300.0, "fy_px": 500.0}]}})
+    before, after = intrinsics_of(config, None), intrinsics_of(config, f"320x{height_px}")
+    left_right = directions(before, [(-0.5, 239.5), (639.5, 239.5)])
+    middle_px = (height_px - 1) / 2
+    np.testing.assert_allclose(
+        directions(after, [(-0.5, middle_px), (319.5, middle_px)]), left_right, atol=1e-12
+    )
+    assert after.fx_px / after.fy_px == pytest.approx(before.fx_px / before.fy_px)
 
 
 def test_adjusting_with_the_same_values_keeps_the_hash() -> None:
