@@ -24,7 +24,7 @@ from oaisys_core.world.modules import (
     StageModule,
 )
 from oaisys_core.world.modules.layers import pool_layers
-from oaisys_core.world.modules.stage import load_stage_mesh
+from oaisys_core.world.modules.stage import load_mesh_ground
 
 
 def name_faults(config: SimulationConfig) -> list[str]:
@@ -95,7 +95,7 @@ def _stage(config: SimulationConfig) -> None:
     if stage.reuse is not None:
         module.record(stage.reuse)
     elif stage.mesh is not None:
-        load_stage_mesh(stage.mesh)
+        load_mesh_ground(stage.mesh)
     elif stage.dem is not None:
         import_dem(stage.dem)
 

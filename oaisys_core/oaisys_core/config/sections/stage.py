@@ -33,6 +33,9 @@ def body_name(body: Body) -> str | None:
     return next(named, None)
 
 
+LEAST_EXTENT_M = 0.01
+"""Least edge length of a stage."""
+
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 """A name that cannot be a path."""
 
@@ -196,7 +199,7 @@ class StageConfig(Section):
     """
 
     preset: str = "mounds"
-    extent_m: float = Field(default=64.0, ge=0.01, le=MAX_M)
+    extent_m: float = Field(default=64.0, ge=LEAST_EXTENT_M, le=MAX_M)
     resolution_px: int = Field(default=1025, ge=2, le=8193)
     relief_m: float | None = Field(default=None, ge=0, le=MAX_M)
     roughness: float = Field(default=1.0, ge=0, le=10)

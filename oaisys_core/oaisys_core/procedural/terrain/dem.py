@@ -18,6 +18,7 @@ from oaisys_core.procedural.terrain.elevation.references import Reference, parse
 from oaisys_core.procedural.terrain.elevation.units import height_unit_m
 from oaisys_core.procedural.terrain.elevation.voids import check_for_voids, find_missing
 from oaisys_core.procedural.terrain.holes import fill_holes, number_of_holes
+from oaisys_core.procedural.terrain.stage_extent import check_extent
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray, Georeference
 
@@ -81,6 +82,7 @@ def import_dem(config: DemConfig) -> ImportedGround:
     x_m, y_m, _ = config.position_m
     origin_m = (x_m - (cols - 1) * step_m / 2, y_m - (rows - 1) * step_m / 2)
     ground = HeightField(height_m.astype(np.float32), origin_m, step_m)
+    check_extent(ground, config.file, f"{_FIELD}.file")
     body_m = None if reference is None or reference.is_local else float(reference.geod.a)
     intervals = zip(height_m.shape, model.values.shape, strict=True)
     posting_m = step_m * max((grid - 1) / max(file - 1, 1) for grid, file in intervals)

@@ -25,6 +25,7 @@ from oaisys_core.procedural.terrain.detail import Detail
 from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
+from oaisys_core.procedural.terrain.stage_extent import check_extent
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
 from oaisys_core.procedural.terrain.water.ponds import Water, WaterLook, level_from_share, water_on
@@ -94,7 +95,7 @@ class StageModule(Module):
             raise InvalidInputError("metadata.stage.store", str(config.store), expected)
         if config.mesh is not None and "mesh" in (metadata or {}):
             # Load the mesh now, so that an invalid one is refused before the world changes.
-            _mesh_ground(config.mesh)
+            load_mesh_ground(config.mesh)
 
     def check_sample(self, metadata: Metadata) -> None:
         """Raise on any metadata: the ground is drawn once per batch."""
@@ -176,7 +177,7 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, world: World) -> 
     """Return a ground that is not kept, and write down in the world what is known about it."""
     notes = world.stage_notes
     if config.mesh is not None:
-        mesh = _mesh_ground(config.mesh)
+        mesh = load_mesh_ground(config.mesh)
         if any(mesh.local_origin_m):
             notes["local_origin_m"] = list(mesh.local_origin_m)
         return mesh
@@ -225,9 +226,16 @@ def _shaper(config: StageConfig) -> Shaper:
     return SHAPERS_OF_BODIES.get(body_name(config.body) or "", "water")
 
 
-def _mesh_ground(config: StageMeshConfig) -> MeshGround:
+def load_mesh_ground(config: StageMeshConfig) -> MeshGround:
+    """Return the ground that a mesh in a file is.
+
+    Raises:
+        InvalidInputError: See `load_stage_mesh` and `mesh_ground`; or its extent is no stage's.
+    """
     mesh = load_stage_mesh(config)
-    return mesh_ground(mesh, config.scale, config.up, config.position_m)
+    ground = mesh_ground(mesh, config.scale, config.up, config.position_m)
+    check_extent(ground, config.file, "stage.mesh.file")
+    return ground
 
 
 def load_stage_mesh(config: StageMeshConfig) -> LoadedMesh:

@@ -1,0 +1,52 @@
+"""Stages that a file gives: as large as ``stage.extent_m`` may be, and with ground to stand on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oaisys_core.config.sections.stage import DemConfig, StageMeshConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.procedural.terrain.dem import import_dem
+from oaisys_core.world.modules.stage import load_mesh_ground
+
+LEVEL = "v 0 0 0\nv {0} 0 0\nv 0 {1} 0\nf 1 2 3\n"
+
+
+def mesh(folder: Path, text: str) -> StageMeshConfig:
+    (folder / "stage.obj").write_text(text)
+    return StageMeshConfig(file=folder / "stage.obj")
+
+
+@pytest.mark.parametrize("edges", [(1e-4, 1e-4), (9e-3, 50), (50, 9e-3), (1.9e7, 50)])
+def test_meshes_whose_edges_no_stage_can_have_are_refused(
+    tmp_path: Path, edges: tuple[float, float]
+) -> None:
+    """One of a tenth of a millimetre took minutes, in which a server answered nobody."""
+    x_m, y_m = edges
+    text = f"v {-x_m / 2} 0 0\nv {x_m / 2} 0 0\nv 0 {y_m} 0\nf 1 2 3\n"
+    with pytest.raises(InvalidInputError, match=r"mesh\.file: .*of 0\.01 to 1e\+07 m in x and"):
+        load_mesh_ground(mesh(tmp_path, text))
+
+
+def test_scale_counts_in_the_size_of_a_mesh(tmp_path: Path) -> None:
+    config = mesh(tmp_path, LEVEL.format(0.5, 0.5))
+    assert load_mesh_ground(config.model_copy(update={"scale": 0.02})).extent_m[2] <= 0.01001
+    with pytest.raises(InvalidInputError, match=r"not 0\.005 x 0\.005 m"):
+        load_mesh_ground(config.model_copy(update={"scale": 0.01}))
+
+
+@pytest.mark.parametrize("spacing_m", [1e-6, 1e7])
+def test_elevation_models_whose_edges_no_stage_can_have_are_refused(
+    tmp_path: Path, spacing_m: float
+) -> None:
+    rows = "\n".join(" ".join(str(i * j % 7) for j in range(9)) for i in range(9))
+    head = "ncols 9\nnrows 9\nxllcorner 0\nyllcorner 0\ncellsize 1\n"
+    (tmp_path / "dem.asc").write_text(head + rows + "\n")
+    config = DemConfig(file=tmp_path / "dem.asc", spacing_m=spacing_m)
+    with pytest.raises(InvalidInputError, match=r"dem\.file: .*of 0\.01 to 1e\+07 m in x and"):
+        import_dem(config)
+    extent_m = import_dem(config.model_copy(update={"spacing_m": 0.00125})).ground.extent_m
+    np.testing.assert_allclose(extent_m, (-0.005, -0.005, 0.005, 0.005), rtol=1e-6)
