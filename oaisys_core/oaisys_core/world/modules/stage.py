@@ -25,7 +25,7 @@ from oaisys_core.procedural.terrain.detail import Detail
 from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
-from oaisys_core.procedural.terrain.stage_extent import check_extent
+from oaisys_core.procedural.terrain.stage_extent import check_cover, check_extent
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
 from oaisys_core.procedural.terrain.water.ponds import Water, WaterLook, level_from_share, water_on
@@ -230,11 +230,13 @@ def load_mesh_ground(config: StageMeshConfig) -> MeshGround:
     """Return the ground that a mesh in a file is.
 
     Raises:
-        InvalidInputError: See `load_stage_mesh` and `mesh_ground`; or its extent is no stage's.
+        InvalidInputError: See `load_stage_mesh` and `mesh_ground`; or its extent is no stage's,
+            or its triangles are vertical.
     """
     mesh = load_stage_mesh(config)
     ground = mesh_ground(mesh, config.scale, config.up, config.position_m)
     check_extent(ground, config.file, "stage.mesh.file")
+    check_cover(ground, config.file, "stage.mesh.file")
     return ground
 
 

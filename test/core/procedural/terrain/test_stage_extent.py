@@ -50,3 +50,17 @@ def test_elevation_models_whose_edges_no_stage_can_have_are_refused(
         import_dem(config)
     extent_m = import_dem(config.model_copy(update={"spacing_m": 0.00125})).ground.extent_m
     np.testing.assert_allclose(extent_m, (-0.005, -0.005, 0.005, 0.005), rtol=1e-6)
+
+
+@pytest.mark.parametrize("across_m", [0.0, 1e-4, 10.0])
+def test_a_mesh_of_vertical_triangles_is_refused(tmp_path: Path, across_m: float) -> None:
+    """It ended commands with a division by zero, or a pose at a height of NaN was blamed."""
+    wall = f"v 0 0 0\nv 10 {across_m} 0\nv 0 0 10\nf 1 2 3\n"
+    with pytest.raises(InvalidInputError, match=r"stage\.mesh\.file: .*(seen from above|10 x )"):
+        load_mesh_ground(mesh(tmp_path, wall))
+
+
+def test_a_path_across_its_extent_is_a_ground(tmp_path: Path) -> None:
+    """2 km by 2 m, as the diagonal of a square: a 1400th of it has ground."""
+    text = "v 0 0 0\nv 1.4 -1.4 0\nv 1414 1414 9\nv 1415.4 1412.6 9\nf 1 2 3\nf 2 4 3\n"
+    assert load_mesh_ground(mesh(tmp_path, text)).extent_m[2] == pytest.approx(1415.4)

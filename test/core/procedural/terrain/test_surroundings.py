@@ -209,3 +209,24 @@ def test_water_cuts_valleys_into_the_land_that_join_and_wind_does_not() -> None:
         bent = np.diff(height_m, n=2, axis=0)[:, 1:-1] + np.diff(height_m, n=2, axis=1)[1:-1]
         skew[by] = float((bent**3).mean() / (bent**2).mean() ** 1.5)
     assert skew["water"] < skew["wind"] - 0.2, "crests are sharper than beds"
+
+
+@pytest.mark.parametrize("shape", [(2, 4000), (4000, 2), (3, 9)])
+def test_the_relief_of_a_strip_is_that_along_it(shape: tuple[int, int]) -> None:
+    """One narrower than the spacing of thinned points ended commands with a traceback."""
+    along = np.arange(max(shape)) * 0.5
+    height_m = np.broadcast_to(np.sin(along * np.pi / 3), (min(shape), max(shape)))
+    height_m = np.ascontiguousarray(height_m if shape[0] < shape[1] else height_m.T, np.float32)
+    octaves = own_octaves(HeightField(height_m, (0.0, 0.0), 0.5))
+    assert len(octaves) == 1
+    assert 0 < octaves[0].deviation_m < 1
+
+
+def test_land_surrounds_a_mesh_that_is_a_strip() -> None:
+    x = np.repeat(np.linspace(-1000, 1000, 201), 2)
+    y = np.tile((-1.0, 1.0), 201)
+    points = np.column_stack((x, y, np.sin(x / 10))).astype(np.float32)
+    pair = np.array([(0, 2, 1), (2, 3, 1)])
+    corners = (2 * np.arange(200)[:, None, None] + pair).reshape(-1, 3).astype(np.int32)
+    land = land_around(MeshGround(points, corners), 5, EARTH_RADIUS_M)
+    assert np.isfinite(land.vertices_m).all()

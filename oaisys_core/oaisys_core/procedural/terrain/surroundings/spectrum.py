@@ -81,6 +81,9 @@ def _octaves_of(height_m: FloatArray, spacing_m: float) -> list[Octave]:
     means alone, interpolation explains slopes.
     """
     octaves: list[Octave] = []
+    for axis in (0, 1):
+        if height_m.shape[axis] == 1:  # a strip narrower than the spacing
+            height_m = np.repeat(height_m, 2, axis=axis)
     while min(height_m.shape) >= 2 * MIN_BLOCKS or not octaves:
         rows, cols = (size // 2 * 2 for size in height_m.shape)
         blocks = height_m[:rows, :cols].reshape(rows // 2, 2, cols // 2, 2)
