@@ -249,3 +249,21 @@ def save_instances(path: str) -> None:
     bpy.ops.object.empty_add()
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save_blend_of_many_images(path: str, image_file: str, count: int, use: str) -> None:
+    """Save a cube with many packed images: as its materials' colours, or in what displaces it."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    for _ in range(count):
+        image = bpy.data.images.load(image_file, check_existing=False)
+        image.pack()
+        if use == "colour":
+            _paint(cube, image)
+        else:
+            texture = bpy.data.textures.new("image", "IMAGE")
+            texture.image = image
+            cube.modifiers.new("displace", "DISPLACE").texture = texture
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)

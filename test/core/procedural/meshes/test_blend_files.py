@@ -65,10 +65,10 @@ for attempt in (
 HUGE_PX = 20_000
 
 
-def huge_png() -> bytes:
+def huge_png(size_px: int = HUGE_PX) -> bytes:
     """A PNG of 50 KB: 400 million pixels of one bit, all black."""
-    header = struct.pack(">IIBBBBB", HUGE_PX, HUGE_PX, 1, 0, 0, 0, 0)
-    rows = zlib.compress(bytes((1 + HUGE_PX // 8) * HUGE_PX))
+    header = struct.pack(">IIBBBBB", size_px, size_px, 1, 0, 0, 0, 0)
+    rows = zlib.compress(bytes((1 + size_px // 8) * size_px))
     parts = ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
@@ -240,6 +240,21 @@ def test_an_image_in_a_file_is_refused_before_it_is_decoded(
     blend = tmp_path / "cube.blend"
     in_blender("files.save_blend_with_image", str(blend), str(image) if kind else "")
     with pytest.raises(InvalidInputError, match="at most 67108864 pixels, not 20000 x 20000"):
+        load_mesh(blend)
+
+
+@pytest.mark.blender
+@pytest.mark.parametrize("use", ["colour", "displacement"])
+def test_images_in_a_file_are_refused_together_before_they_are_decoded(
+    tmp_path: Path, use: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """300 images within the bound of each took 4 GB; what displaces was not looked at at all."""
+    monkeypatch.setattr(blender_files, "READER_MEMORY_BYTES", 1_000_000_000)
+    (tmp_path / "image.png").write_bytes(huge_png(8000))
+    blend = tmp_path / "cube.blend"
+    job = "files.save_blend_of_many_images"
+    in_blender(job, str(blend), str(tmp_path / "image.png"), 9, use)
+    with pytest.raises(InvalidInputError, match="at most 536870912 pixels together, not 576000000"):
         load_mesh(blend)
 
 

@@ -23,7 +23,12 @@ from oaisys_core.procedural.meshes.checks import float32_step
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
 from oaisys_core.render.blender.objects.blend_drivers import mute_python_drivers
-from oaisys_core.render.blender.objects.blend_materials import BlendMaterial, read_material
+from oaisys_core.render.blender.objects.blend_images import too_many_pixels
+from oaisys_core.render.blender.objects.blend_materials import (
+    BlendMaterial,
+    images_of,
+    read_material,
+)
 from oaisys_core.render.blender.objects.usd_references import (
     USD_SUFFIXES,
     check_unit,
@@ -86,13 +91,12 @@ def read_by_blender(
     warnings += replace_random_textures()
     things = [thing for thing in bpy.context.scene.objects if thing.type == "MESH"]
     chosen = [thing for thing in things if object_name in ("", thing.name)]
-    random = _random_shape(chosen)
-    if random is not None:
-        return {"random": np.array(random)}
+    refusal = _refusal(chosen)
+    if refusal is not None:
+        return refusal
     parts = [part for part in (_part(thing, warnings) for thing in chosen) if len(part.triangles)]
     if not parts:
-        found = [_part(thing, []) for thing in things if thing not in chosen]
-        names = sorted(part.name for part in found if len(part.triangles))
+        names = sorted(t.name for t in things if t not in chosen and _has_faces(t))
         return {"names": np.array(names, dtype=np.str_)}
     warnings += _left_out(chosen if object_name else list(bpy.context.scene.objects))
     texts = np.array(list(dict.fromkeys(warnings)), dtype=np.str_)
@@ -185,6 +189,30 @@ def replace_random_textures() -> list[str]:
                 " stands in, always the same"
             )
     return warnings
+
+
+def _refusal(things: list[Any]) -> dict[str, NDArray[Any]] | None:
+    """Return what is said of objects that are too much, or not the same each time."""
+    too_much = too_many_pixels(_images_of(things))
+    if too_much is not None:
+        return {"invalid": np.array(too_much)}
+    random = _random_shape(things)
+    return None if random is None else {"random": np.array(random)}
+
+
+def _images_of(things: list[Any]) -> Iterator[Any]:
+    """Yield the images that are decoded: of the materials of objects, and of what shapes them."""
+    materials = {
+        slot.material: None for thing in things for slot in thing.material_slots if slot.material
+    }
+    for material in materials:
+        yield from images_of(material)
+    yield from (texture.image for texture in bpy.data.textures if getattr(texture, "image", None))
+    for tree in bpy.data.node_groups:
+        if tree.bl_idname == "GeometryNodeTree":
+            sockets = [socket for node in tree.nodes for socket in node.inputs]
+            values = (getattr(socket, "default_value", None) for socket in sockets)
+            yield from (value for value in values if isinstance(value, bpy.types.Image))
 
 
 def _random_shape(things: list[Any]) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +18,22 @@ from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
 from oaisys_core.files.image_formats.images import read_file
 from oaisys_core.files.image_formats.radiance import radiance_header
 
+MAX_PIXELS = 8 * MESH_TEXTURE.most_px
+"""Of the images of a file together: Blender has 4 bytes or floats for each."""
+
 _EXR_START = b"\x76\x2f\x31\x01"
 
 
 def image_pixels(image: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None] | None:
     """Return (H, W, 3) colours in sRGB and (H, W) alpha of an image; None: it is missing.
 
+    `too_many_pixels` has been asked about it, since Blender decodes all to tell its size.
+
     Raises:
-        InvalidInputError: It has too many pixels; none of them is decoded.
+        InvalidInputError: It has too many pixels.
     """
     if image is None:
         return None
-    _check_size(image)
     if not image.has_data and not image.pixels:
         return None
     width, height = image.size
@@ -44,10 +48,34 @@ def image_pixels(image: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | Non
     return np.ascontiguousarray(colors), alpha
 
 
-def _check_size(image: Any) -> None:
-    """Raise if an image has too many pixels: by its header, since Blender decodes to tell."""
+def too_many_pixels(images: Iterable[Any]) -> str | None:
+    """Return what is expected instead of images that have too many pixels together.
+
+    None of them is decoded.
+
+    Args:
+        images: Each as often as it is read.
+
+    Raises:
+        InvalidInputError: One alone has too many.
+    """
+    pixels: dict[str, int] = {}
+    total = 0
+    for image in images:
+        if image.name_full not in pixels:
+            pixels[image.name_full] = _number_of_pixels(image)
+        total += pixels[image.name_full]
+    if total <= MAX_PIXELS:
+        return None
+    return f"images of at most {MAX_PIXELS} pixels together, not {total}"
+
+
+def _number_of_pixels(image: Any) -> int:
+    """Return the pixels of an image by its headers; raise if there are too many."""
+    total = 0
     if image.source == "GENERATED":
         MESH_TEXTURE.check(image.generated_width, image.generated_height, image.name)
+        total = image.generated_width * image.generated_height
     for data in _files_of(image):
         try:
             sizes = list(_sizes(data))
@@ -55,6 +83,8 @@ def _check_size(image: Any) -> None:
             continue  # a format that only Blender knows, within its reader's memory and time
         for width, height in sizes:
             MESH_TEXTURE.check(width, height, image.name)
+            total += width * height
+    return total
 
 
 def _sizes(data: bytes) -> Iterator[tuple[int, int]]:

@@ -64,14 +64,14 @@ def read_material(source: Any, warnings: list[str]) -> BlendMaterial:
     tree = source.node_tree if source is not None else None
     name = source.name if source is not None else "none"
     nodes = list(tree.nodes) if tree is not None else []
-    shader = next((n for kind in SHADERS for n in nodes if n.type == kind), None)
+    shader = _shader_of(nodes)
     if shader is None:
         color = tuple(source.diffuse_color[:3]) if source is not None and not nodes else GREY
         if nodes:
             warnings.append(f"material {name!r} has no shader whose colour is known: it is grey")
         return BlendMaterial(_plain(name, color), "", np.eye(2, 3), False, source is None)
     socket = shader.inputs[SHADERS[shader.type]]
-    found = _find(socket, lambda node: node.type == "TEX_IMAGE")
+    found = _find_image(socket)
     color = tuple(socket.default_value[:3])
     if found is not None:
         _warn_of_nodes(name, found, warnings)
@@ -91,6 +91,22 @@ def read_material(source: Any, warnings: list[str]) -> BlendMaterial:
         plain = MeshMaterial(name, plain.color_srgb, None, opacity)
     is_plain = painted is None and not socket.links
     return BlendMaterial(plain, "", np.eye(2, 3), painted is not None, is_plain)
+
+
+def images_of(source: Any) -> list[Any]:
+    """Return the images that `read_material` reads, as often as it does."""
+    tree = source.node_tree if source is not None else None
+    nodes = list(tree.nodes) if tree is not None else []
+    shader = _shader_of(nodes)
+    if shader is None:
+        return []
+    sockets = (shader.inputs[SHADERS[shader.type]], _alpha_socket(nodes, shader)[0])
+    found = [_find_image(socket) for socket in sockets if socket is not None]
+    return [each.node.image for each in found if each is not None and each.node.image is not None]
+
+
+def _shader_of(nodes: list[Any]) -> Any:
+    return next((n for kind in SHADERS for n in nodes if n.type == kind), None)
 
 
 def _plain(name: str, color: tuple[float, ...]) -> MeshMaterial:
@@ -114,6 +130,10 @@ def _find(socket: Any, is_wanted: Any) -> FoundImage | None:
             passed = (*passed, node.name)
         left += [(each, passed) for entry in node.inputs for each in entry.links]
     return None
+
+
+def _find_image(socket: Any) -> FoundImage | None:
+    return _find(socket, lambda node: node.type == "TEX_IMAGE")
 
 
 def _warn_of_nodes(name: str, found: FoundImage, warnings: list[str]) -> None:
@@ -170,13 +190,10 @@ def _opacity(
     nodes: list[Any], shader: Any, name: str, warnings: list[str]
 ) -> NDArray[np.uint8] | None:
     """Return the opacity of a material whose alpha cuts it out, or which is mixed with nothing."""
-    socket, inverted = shader.inputs.get("Alpha"), False
-    mixed = next((n for n in nodes if n.type == "MIX_SHADER" and _transparent_input(n)), None)
-    if mixed is not None:
-        socket, inverted = mixed.inputs[0], _transparent_input(mixed) == 2
+    socket, inverted = _alpha_socket(nodes, shader)
     if socket is None:
         return None
-    found = _find(socket, lambda node: node.type == "TEX_IMAGE")
+    found = _find_image(socket)
     where = f"material {name!r}"
     if found is None:
         value = float(socket.default_value)
@@ -192,6 +209,14 @@ def _opacity(
         return None
     opacity = np.asarray(255 - values if inverted else values, np.uint8)
     return cut_out(opacity, 1.0, 0.5, where, is_mask=True)
+
+
+def _alpha_socket(nodes: list[Any], shader: Any) -> tuple[Any, bool]:
+    """Return the input that cuts a material out, None without one, and whether 1 is transparent."""
+    mixed = next((n for n in nodes if n.type == "MIX_SHADER" and _transparent_input(n)), None)
+    if mixed is not None:
+        return mixed.inputs[0], _transparent_input(mixed) == 2
+    return shader.inputs.get("Alpha"), False
 
 
 def _transparent_input(mixed: Any) -> int:
