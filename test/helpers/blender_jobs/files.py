@@ -267,3 +267,18 @@ def save_blend_of_many_images(path: str, image_file: str, count: int, use: str) 
             cube.modifiers.new("displace", "DISPLACE").texture = texture
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save_blend_of_arrays(path: str, arrays: list[dict[str, Any]]) -> None:
+    """Save a cube of 2 m with array modifiers of these values, and one without."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.object.name = "plain"
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.object.name = "copied"
+    for values in arrays:
+        modifier = bpy.context.object.modifiers.new("array", "ARRAY")
+        for name, value in values.items():
+            setattr(modifier, name, value)
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)

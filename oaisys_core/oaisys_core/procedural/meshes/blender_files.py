@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import signal
 import subprocess
 import time
@@ -50,6 +51,12 @@ SLOW_S = 2.0
 MOST_WARNINGS = 20
 """Of a file."""
 
+LOG_NAME = "log"
+"""Of what a reader prints, in its folder."""
+
+MODIFIER_FAULT = re.compile(r'Object: "(.*)", Modifier: "(.*)", (.*)')
+"""What Blender prints of a modifier that it leaves out."""
+
 MAX_REFUSED = 64
 LOOK_S = 0.05
 _refused: OrderedDict[Version, str] = OrderedDict()
@@ -74,6 +81,7 @@ def load_by_blender(path: Path, object_name: str | None, field: str) -> LoadedMe
     """
     with temporary_folder("oaisys-") as folder:
         found = _read_blend(path, object_name, field, folder)
+        refused = _refused_modifiers(last_lines(folder / LOG_NAME), object_name)
     if "outside" in found:
         raise outside_error(path, str(found["outside"]), field)
     if "names" in found:
@@ -85,7 +93,7 @@ def load_by_blender(path: Path, object_name: str | None, field: str) -> LoadedMe
         raise InvalidInputError(field, str(path), expected)
     if "importer" in found:
         raise BackendUnavailableError(f"{field}: {path}: {found['importer']}")
-    told = found["warnings"].tolist()
+    told = [*found["warnings"].tolist(), *refused]
     for text in told[:MOST_WARNINGS]:
         LOG.warning("%s: %s", path, text)
     if len(told) > MOST_WARNINGS:
@@ -102,7 +110,7 @@ def _read_blend(
     path: Path, object_name: str | None, field: str, folder: Path
 ) -> dict[str, NDArray[Any]]:
     """Return what a process of its own finds in a file."""
-    out, log = folder / "mesh.npz", folder / "log"
+    out, log = folder / "mesh.npz", folder / LOG_NAME
     time_s = BLEND_REQUEST_TIMEOUT_S if is_confined() else BLEND_TIMEOUT_S
     task = {
         "file": str(path.resolve()),
@@ -133,6 +141,16 @@ def _read_blend(
     if time.monotonic() - begun_s >= SLOW_S:
         _remember(version, expected)
     raise InvalidInputError(field, str(path), expected)
+
+
+def _refused_modifiers(lines: list[str], object_name: str | None) -> list[str]:
+    """Return a warning for each modifier that Blender left out, from the lines that it printed."""
+    found = [match.groups() for line in lines if (match := MODIFIER_FAULT.search(line))]
+    return [
+        f"Blender leaves out the modifier {name!r} of {thing!r}: {reason}"
+        for thing, name, reason in dict.fromkeys(found)
+        if object_name in (None, thing)
+    ]
 
 
 def _remember(version: Version, expected: str) -> None:

@@ -22,6 +22,7 @@ from oaisys_core.geometry import transform_points
 from oaisys_core.procedural.meshes.checks import float32_step
 from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_to_arrays
+from oaisys_core.render.blender.objects.blend_arrays import too_many_triangles
 from oaisys_core.render.blender.objects.blend_drivers import mute_python_drivers
 from oaisys_core.render.blender.objects.blend_images import too_many_pixels
 from oaisys_core.render.blender.objects.blend_materials import (
@@ -193,7 +194,7 @@ def replace_random_textures() -> list[str]:
 
 def _refusal(things: list[Any]) -> dict[str, NDArray[Any]] | None:
     """Return what is said of objects that are too much, or not the same each time."""
-    too_much = too_many_pixels(_images_of(things))
+    too_much = too_many_triangles(things) or too_many_pixels(_images_of(things))
     if too_much is not None:
         return {"invalid": np.array(too_much)}
     random = _random_shape(things)
