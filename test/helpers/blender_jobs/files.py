@@ -282,3 +282,12 @@ def save_blend_of_arrays(path: str, arrays: list[dict[str, Any]]) -> None:
             setattr(modifier, name, value)
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save_blend_placed_nowhere(path: str, name: str) -> None:
+    """Save a cube whose ``location`` or ``scale`` is no number along x."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    setattr(bpy.context.object, name, (float("nan"), 1.0, 1.0))
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)

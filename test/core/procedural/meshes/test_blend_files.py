@@ -297,6 +297,16 @@ def test_modifiers_that_blender_leaves_out_are_named(
 
 
 @pytest.mark.blender
+@pytest.mark.parametrize(("name", "shown"), [("scale", "scale"), ("location", "position")])
+def test_an_object_that_is_nowhere_is_named(tmp_path: Path, name: str, shown: str) -> None:
+    """NumPy's own error was told, of a matrix whose singular values do not converge."""
+    in_blender("files.save_blend_placed_nowhere", str(tmp_path / "cube.blend"), name)
+    expected = rf"positions, rotations and scales, unlike those of 'Cube' .*{shown} \(nan"
+    with pytest.raises(InvalidInputError, match=expected):
+        load_mesh(tmp_path / "cube.blend")
+
+
+@pytest.mark.blender
 def test_a_wait_for_a_reader_can_be_cancelled(folder: Path) -> None:
     asked, before = 0, psutil.Process().children()
 

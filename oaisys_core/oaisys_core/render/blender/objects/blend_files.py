@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.errors import quote
 from oaisys_core.files.mesh_formats.collada_texts import ColladaText
 from oaisys_core.files.references import lies_within
 from oaisys_core.geometry import transform_points
@@ -198,7 +199,27 @@ def _refusal(things: list[Any]) -> dict[str, NDArray[Any]] | None:
     if too_much is not None:
         return {"invalid": np.array(too_much)}
     random = _random_shape(things)
-    return None if random is None else {"random": np.array(random)}
+    if random is not None:
+        return {"random": np.array(random)}
+    unplaced = _without_place(things)
+    return None if unplaced is None else {"invalid": np.array(unplaced)}
+
+
+def _without_place(things: list[Any]) -> str | None:
+    """Return what is expected instead of an object whose position, rotation or scale is not finite.
+
+    The objects are evaluated.
+    """
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for thing in things:
+        T = np.array(thing.evaluated_get(depsgraph).matrix_world, np.float64)
+        if not np.isfinite(T).all():
+            place, scale = quote(tuple(thing.location)), quote(tuple(thing.scale))
+            return (
+                f"finite positions, rotations and scales, unlike those of {thing.name!r}"
+                f" (position {place}, scale {scale})"
+            )
+    return None
 
 
 def _images_of(things: list[Any]) -> Iterator[Any]:
