@@ -291,3 +291,14 @@ def save_blend_placed_nowhere(path: str, name: str) -> None:
     setattr(bpy.context.object, name, (float("nan"), 1.0, 1.0))
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def save_ocean(path: str) -> None:
+    """Save an ocean of 16 x 16 cells of which nothing is baked."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add()
+    ocean = bpy.context.object.modifiers.new("ocean", "OCEAN")
+    ocean.viewport_resolution = ocean.resolution = 4
+    assert ocean.filepath.endswith("cache_ocean")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)

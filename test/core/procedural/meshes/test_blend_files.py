@@ -184,6 +184,13 @@ def test_a_file_that_refers_to_others_elsewhere_is_refused_by_name(
 
 
 @pytest.mark.blender
+def test_an_ocean_without_a_cache_refers_to_no_file(tmp_path: Path) -> None:
+    """Its path is by default in the temporary folder of whoever saved the file."""
+    in_blender("files.save_ocean", str(tmp_path / "ocean.blend"))
+    assert len(load_mesh(tmp_path / "ocean.blend").triangles) == 2 * 16**2
+
+
+@pytest.mark.blender
 def test_files_beside_it_and_in_the_asset_roots_are_read(folder: Path) -> None:
     assert load_mesh(folder / "root" / "image_inside.blend").color_image_srgb is not None
     with confine_paths(AssetRoots((folder / "root", folder / "outside"))):

@@ -86,6 +86,7 @@ def read_by_blender(
     if failed is not None:
         return {"importer": np.array(failed)}
     warnings += _unread_images(path, references)
+    _forget_unused_caches()
     outside = _outside(path, folders)
     if outside is not None:
         return {"outside": np.array(outside)}
@@ -151,6 +152,17 @@ def _load(path: Path) -> str | None:
         )
     getattr(bpy.ops.wm, name)(filepath=str(path))
     return None
+
+
+def _forget_unused_caches() -> None:
+    """Clear the paths of ocean modifiers that have nothing baked, and read no file.
+
+    By default, such a path is in the temporary folder of whoever saved the file.
+    """
+    for thing in bpy.data.objects:
+        for modifier in thing.modifiers:
+            if modifier.type == "OCEAN" and not modifier.is_cached:
+                modifier.filepath = ""
 
 
 def _outside(path: Path, folders: tuple[Path, ...]) -> str | None:
