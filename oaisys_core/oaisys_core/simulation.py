@@ -65,7 +65,13 @@ class Simulation(BuiltWorld):
         self._modules.check(metadata, is_batch=True)
         metadata_text(metadata)
         seeds, drawn_with = batch_seeds(
-            self._stage, self._assets_sha256, metadata, seed, before, reuse_stage
+            self._stage,
+            self._modules.assets,
+            self._assets_sha256,
+            metadata,
+            seed,
+            before,
+            reuse_stage,
         )
         batch = self._build(batch_id, seeds, drawn_with, progress)
         record = stage_record(batch, self._assets_sha256)

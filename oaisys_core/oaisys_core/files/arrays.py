@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.errors import quote
 from oaisys_core.files.documents import DocumentError
 
 MAX_ARRAYS = 1000
@@ -35,6 +36,10 @@ def load_arrays(path: Path, most_bytes: int) -> dict[str, NDArray[Any]]:
             _check(archive, most_bytes)
         with np.load(path, allow_pickle=False) as arrays:
             return dict(arrays)
+    except DocumentError:
+        raise
+    except ValueError as error:  # has the header of an array in it
+        raise DocumentError(f"it is damaged ({quote(str(error))})") from error
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, SyntaxError) as error:
         raise DocumentError(f"it is damaged ({error})") from error
 

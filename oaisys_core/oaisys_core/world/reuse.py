@@ -14,6 +14,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata, merge
 from oaisys_core.world.batch import Batch, BatchSeeds
 from oaisys_core.world.module import require
+from oaisys_core.world.modules.assets.module import AssetsModule
 from oaisys_core.world.modules.stage import StageModule
 from oaisys_core.world.stage_store import StageRecord
 
@@ -26,6 +27,7 @@ NOTHING_SCATTERED = {"count_factor": 0.0}
 
 def batch_seeds(
     stage: StageModule,
+    assets: AssetsModule,
     assets_sha256: str,
     metadata: ModuleMetadata,
     seed: int,
@@ -36,6 +38,7 @@ def batch_seeds(
 
     Args:
         stage: Finds the stages that were stored.
+        assets: Checks the metadata of objects that were stored.
         assets_sha256: Hash of the current asset configuration.
         metadata: Checked metadata of the batch.
         seed: Seed of the batch.
@@ -63,6 +66,8 @@ def batch_seeds(
                 "clear or redraw, because its objects were drawn from another asset configuration"
             )
             raise InvalidInputError("stage.reuse.objects", reuse.objects, expected)
+        if reuse.objects == "keep":
+            _check_stored(record, assets, reuse)
         kept = (record.stage_seed, record.asset_seed, record.asset_metadata)
     return _with_objects(reuse, seed, *kept, metadata)
 
@@ -94,6 +99,16 @@ def assets_sha256(config: SimulationConfig) -> str:
     sections = [data["assets"], *(variant["assets"] for variant in data.get("variants", ()))]
     text = json.dumps(sections if config.variants else sections[0], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check_stored(record: StageRecord, assets: AssetsModule, reuse: ReuseConfig) -> None:
+    """Raise if metadata that somebody stored would be refused in a request."""
+    try:
+        assets.check(record.asset_metadata)
+    except InvalidInputError as error:
+        key, source = ("name", reuse.name) if reuse.file is None else ("file", str(reuse.file))
+        expected = f"a stage that stage.store wrote ({error})"
+        raise InvalidInputError(f"stage.reuse.{key}", source, expected) from error
 
 
 def _with_objects(

@@ -9,27 +9,61 @@ from __future__ import annotations
 import hashlib
 import json
 import secrets
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, ConfigDict, Strict
 
-from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
-from oaisys_core.files.documents import parse_json
+from oaisys_core.files.documents import MAX_TEXT_BYTES, DocumentError, parse_plain_json
+from oaisys_core.output.record_types import Sha256, check_as
+from oaisys_core.procedural.terrain.ground_checks import check_grid, check_triangles
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.system.ending.leftovers import remove_when_killed
 
 FORMAT = 1
 
-MAX_STAGE_BYTES = 4_000_000_000
-"""Size of the arrays in a file."""
+MAX_STAGE_BYTES = 1_000_000_000
+"""Size of the arrays in a file; the largest mesh has half of that."""
 SUFFIX = ".npz"
+
+_EXPECTED = "a stage that stage.store wrote"
+
+
+def _format(number: int) -> int:
+    if number != FORMAT:
+        raise ValueError(f"expected a stage of format {FORMAT}")
+    return number
+
+
+def _seed(digits: str) -> str:
+    if not (digits.isascii() and digits.isdecimal() and len(digits) < 20 and int(digits) < 2**63):
+        raise ValueError("expected a whole number from 0 to 2**63 - 1, as text")
+    return digits
+
+
+_SeedText = Annotated[str, Strict(), AfterValidator(_seed)]
+"""Some JSON readers round integers beyond 2**53."""
+
+
+@dataclass(frozen=True)
+class _StageFields:
+    """What a file says beside the ground."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    format: Annotated[int, Strict(), AfterValidator(_format)]
+    hash: Sha256
+    stage_seed: _SeedText
+    asset_seed: _SeedText
+    assets_sha256: Sha256
+    asset_metadata: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -78,7 +112,6 @@ def save_stage(path: Path, record: StageRecord) -> None:
         {
             "format": FORMAT,
             "hash": record.stage_hash,
-            # Some JSON readers round integers beyond 2**53.
             "stage_seed": str(record.stage_seed),
             "asset_seed": str(record.asset_seed),
             "assets_sha256": record.assets_sha256,
@@ -97,30 +130,38 @@ def save_stage(path: Path, record: StageRecord) -> None:
 
 
 def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
-    """Return the stage in a file, after checking its hash.
+    """Return the stage in a file, which is checked as a new one is.
+
+    Its hash says that it is whole, not that it is a stage: whoever changes a file can make another.
+
+    Args:
+        path: The file.
+        field: Name of the field in errors.
 
     Raises:
         InvalidInputError: The file is not a stored stage, or is damaged.
     """
-    expected = "a stage that stage.store wrote"
     try:
-        found = load_arrays(path, MAX_STAGE_BYTES)
-        data = parse_json(str(found["record"]))
-        if data["format"] != FORMAT:
-            raise InvalidInputError(field, data["format"], f"a stage of format {FORMAT}")
-        record = StageRecord(
-            stage_hash=data["hash"],
-            ground=_ground(found),
-            stage_seed=int(data["stage_seed"]),
-            asset_seed=int(data["asset_seed"]),
-            assets_sha256=data["assets_sha256"],
-            asset_metadata=data["asset_metadata"],
-        )
-    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise InvalidInputError(field, str(path), f"{expected} ({quote(error)})") from error
-    if content_hash(record.ground) != record.stage_hash:
-        raise InvalidInputError(field, str(path), f"{expected} (its hash does not match)")
-    return record
+        arrays = load_arrays(path, MAX_STAGE_BYTES)
+        data = parse_plain_json(_text(arrays))
+        ground = _ground(arrays)
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(field, str(path), f"{_EXPECTED} ({error})") from error
+    found = check_as(_StageFields, data, f"{field}: {path.name}")
+    if isinstance(ground, HeightField):
+        check_grid(ground, path, field)
+    else:
+        check_triangles(ground, path, field)
+    if content_hash(ground) != found.hash:
+        raise InvalidInputError(field, str(path), f"{_EXPECTED} (its hash does not match)")
+    return StageRecord(
+        stage_hash=found.hash,
+        ground=ground,
+        stage_seed=int(found.stage_seed),
+        asset_seed=int(found.asset_seed),
+        assets_sha256=found.assets_sha256,
+        asset_metadata=found.asset_metadata,
+    )
 
 
 def _arrays(ground: Ground) -> dict[str, Any]:
@@ -130,8 +171,27 @@ def _arrays(ground: Ground) -> dict[str, Any]:
     return {"points_m": ground.vertices_m(), "corners": ground.triangles()}
 
 
-def _ground(arrays: Mapping[str, Any]) -> Ground:
-    if "elevation_m" in arrays:
-        x0, y0, spacing_m = (float(value) for value in arrays["grid"])
-        return HeightField(arrays["elevation_m"], (x0, y0), spacing_m)
-    return MeshGround(arrays["points_m"], arrays["corners"])
+def _text(arrays: Mapping[str, NDArray[Any]]) -> str:
+    record = _array(arrays, "record")
+    if record.dtype.kind != "U" or record.ndim or record.nbytes > 4 * MAX_TEXT_BYTES:
+        found = f"{record.dtype.name} {record.shape}"
+        raise DocumentError(f"its record is {found}, not a text of {MAX_TEXT_BYTES} characters")
+    return str(record)
+
+
+def _ground(arrays: Mapping[str, NDArray[Any]]) -> HeightField | MeshGround:
+    if "elevation_m" not in arrays:
+        return MeshGround(_array(arrays, "points_m"), _array(arrays, "corners"))
+    grid = _array(arrays, "grid")
+    if grid.dtype != np.float64 or grid.shape != (3,):
+        found = f"{grid.dtype} {grid.shape}"
+        raise DocumentError(f"its grid is {found}, not x, y and the spacing as float64")
+    x0, y0, spacing_m = (float(value) for value in grid)
+    return HeightField(_array(arrays, "elevation_m"), (x0, y0), spacing_m)
+
+
+def _array(arrays: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    """Return an array by its name, row by row in memory."""
+    if name not in arrays:
+        raise DocumentError(f"it has no {name}")
+    return np.asarray(arrays[name], order="C")

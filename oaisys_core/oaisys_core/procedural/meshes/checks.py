@@ -79,7 +79,9 @@ def check_float32_step(float32: Float32Step, most: float, path: Path, field: str
     raise InvalidInputError(field, str(path), expected)
 
 
-def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, field: str) -> None:
+def check_mesh(
+    vertices: NDArray[Any], triangles: NDArray[np.int32], path: Path, field: str
+) -> None:
     """Raise if a mesh cannot be rendered.
 
     Args:
@@ -148,6 +150,8 @@ def check_uv(uvs: Iterable[NDArray[np.float32] | None], path: Path, field: str) 
 def line_of_bad_vertex(path: Path) -> int | None:
     """Return the line, from 1, of the first vertex of a text file that `check_mesh` refuses."""
     suffix = path.suffix.lower()
+    if suffix not in (*TEXT_VERTEX, ".ply"):
+        return None
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -178,9 +182,10 @@ def _is_bad(numbers: list[str]) -> bool:
     return not all(abs(value) <= MAX_COORDINATE for value in values)
 
 
-def _has_area(vertices: FloatArray, triangles: NDArray[np.int32]) -> bool:
+def _has_area(vertices: NDArray[Any], triangles: NDArray[np.int32]) -> bool:
     for first in range(0, len(triangles), BLOCK):
-        a, b, c = (vertices[corner] for corner in triangles[first : first + BLOCK].T)
+        corners = triangles[first : first + BLOCK].T
+        a, b, c = (vertices[corner].astype(np.float64) for corner in corners)
         longest = np.maximum(np.abs(b - a).max(axis=1), np.abs(c - a).max(axis=1))
         # Degenerate within the precision of float32, at any scale.
         flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-12 * longest**2

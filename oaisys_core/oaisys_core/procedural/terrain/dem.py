@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.stage import DemConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import MAX_M
 from oaisys_core.procedural.terrain.elevation.placement import place_on_ground
 from oaisys_core.procedural.terrain.elevation.reading import StoredModel, read_model
 from oaisys_core.procedural.terrain.elevation.references import Reference, parse_reference
 from oaisys_core.procedural.terrain.elevation.units import height_unit_m
 from oaisys_core.procedural.terrain.elevation.voids import check_for_voids, find_missing
+from oaisys_core.procedural.terrain.ground_checks import HEIGHTS_EXPECTED, are_heights
 from oaisys_core.procedural.terrain.holes import fill_holes, number_of_holes
 from oaisys_core.procedural.terrain.stage_extent import check_extent
 from oaisys_core.scene import HeightField
@@ -131,10 +131,11 @@ def _tell_holes(missing: NDArray[np.bool_], file: Path) -> tuple[int, int]:
 
 
 def _check_range(height_m: FloatArray, field: str) -> None:
-    highest_m = float(np.abs(height_m).max())
-    if not highest_m <= MAX_M:  # not finite either
-        expected = f"heights of at most {MAX_M:g} m"
-        raise InvalidInputError(f"{field}.file", f"a height of {highest_m:.12g} m", expected)
+    if not are_heights(height_m):
+        highest_m = float(np.abs(height_m).max())
+        raise InvalidInputError(
+            f"{field}.file", f"a height of {highest_m:.12g} m", HEIGHTS_EXPECTED
+        )
 
 
 def write_dem(path: Path, ground: HeightField) -> None:

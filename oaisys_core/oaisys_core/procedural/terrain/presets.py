@@ -8,6 +8,7 @@ import numpy as np
 
 from oaisys_core import extensions
 from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.procedural.terrain.ground_checks import HEIGHTS_EXPECTED, are_heights
 from oaisys_core.procedural.terrain.landform import (
     Elevation,
     GroundSpec,
@@ -65,8 +66,9 @@ def make_ground(
         elevation_m = make_once(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
     else:
         elevation_m = np.asarray(maker(spec, rng), np.float32)
-    if elevation_m.shape != (resolution_px, resolution_px) or not np.isfinite(elevation_m).all():
-        expected = f"({resolution_px}, {resolution_px}) finite heights of the stage {preset!r}"
+    if elevation_m.shape != (resolution_px, resolution_px) or not are_heights(elevation_m):
+        points = f"({resolution_px}, {resolution_px})"
+        expected = f"{points} points of the stage {preset!r} with {HEIGHTS_EXPECTED}"
         raise InvalidInputError("stage.preset", elevation_m.shape, expected)
     spacing_m = extent_m / (resolution_px - 1)
     return HeightField(elevation_m, (-extent_m / 2, -extent_m / 2), spacing_m)

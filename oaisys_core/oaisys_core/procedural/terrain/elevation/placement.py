@@ -17,15 +17,13 @@ from oaisys_core.procedural.terrain.elevation.references import (
     measure_scale,
 )
 from oaisys_core.procedural.terrain.elevation.warp import LocalGrid, indices, spline_through
+from oaisys_core.procedural.terrain.ground_checks import MAX_PX
 from oaisys_core.types import FloatArray, Georeference
 
 if TYPE_CHECKING:
     from affine import Affine
 
 LOG = logging.getLogger(__name__)
-
-MAX_PX = 8193
-"""Largest number of points along an edge of a ground, as for presets."""
 
 MAX_VARIATION = 1e-3
 """Difference of a pixel's true size across the stage from which it is warped."""

@@ -1,0 +1,94 @@
+"""What every ground is held to: heights within bounds, a grid of points, triangles with an area.
+
+Whatever reads or makes a ground uses these checks, so that a stored stage is no other than a new
+one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import MAX_M
+from oaisys_core.procedural.meshes.checks import check_mesh
+from oaisys_core.procedural.terrain.mesh_ground import MeshGround
+from oaisys_core.procedural.terrain.stage_extent import check_cover, check_extent
+from oaisys_core.scene import HeightField
+
+MAX_PX = 8193
+"""Largest number of points along an edge of a ground, as for presets."""
+
+FARTHEST_M = 2 * MAX_M
+"""Largest coordinate of a grid: its middle is within `MAX_M`, and its edges are no longer."""
+
+HEIGHTS_EXPECTED = f"finite heights of at most {MAX_M:g} m"
+
+
+def are_heights(elevation_m: NDArray[Any]) -> bool:
+    """Return whether all elevations of a ground are finite and within `MAX_M`."""
+    lowest_m, highest_m = elevation_m.min(), elevation_m.max()
+    return bool(lowest_m >= -MAX_M and highest_m <= MAX_M)  # not so of NaN
+
+
+def check_grid(ground: HeightField, path: Path, field: str) -> None:
+    """Raise if a grid from a file cannot be the ground of a stage.
+
+    Args:
+        ground: The grid.
+        path: The file.
+        field: Name of the file's field in errors.
+
+    Raises:
+        InvalidInputError: Its heights have another type or shape or are out of bounds, or its
+            spacing or place is none of a stage.
+    """
+    heights = ground.elevation_m
+    expected = ""
+    if not _has_form(heights, np.float32, (None, None)):
+        expected = f"float32 heights in rows and columns, not {heights.dtype} {heights.shape}"
+    elif min(heights.shape) < 2 or max(heights.shape) > MAX_PX:
+        expected = f"2 to {MAX_PX} points along an edge, not {heights.shape}"
+    elif not are_heights(heights):
+        expected = HEIGHTS_EXPECTED
+    elif not 0 < ground.spacing_m < np.inf:
+        expected = f"a spacing above 0 m, not {ground.spacing_m:g} m"
+    elif not all(abs(edge_m) <= FARTHEST_M for edge_m in ground.extent_m):  # not NaN either
+        place = ", ".join(f"{value:g}" for value in ground.origin_xy_m)
+        expected = f"a ground within {FARTHEST_M:g} m, not one from ({place}) m on"
+    if expected:
+        raise InvalidInputError(field, str(path), expected)
+    check_extent(ground, path, field)
+
+
+def check_triangles(ground: MeshGround, path: Path, field: str) -> None:
+    """Raise if triangles from a file cannot be the ground of a stage.
+
+    Raises:
+        InvalidInputError: Vertices or indices have another type or shape; see also `check_mesh`,
+            `check_extent` and `check_cover`.
+    """
+    points, corners = ground.points_m, ground.corners
+    expected = ""
+    if not _has_form(points, np.float32, (None, 3)):
+        expected = f"float32 vertices of three coordinates, not {points.dtype} {points.shape}"
+    elif not _has_form(corners, np.int32, (None, 3)):
+        expected = f"int32 triangles of three indices, not {corners.dtype} {corners.shape}"
+    elif not (len(points) and len(corners)):
+        expected = "at least one triangle"
+    if expected:
+        raise InvalidInputError(field, str(path), expected)
+    check_mesh(points, corners, path, field)
+    check_extent(ground, path, field)
+    check_cover(ground, path, field)
+
+
+def _has_form(array: NDArray[Any], dtype: type, shape: tuple[int | None, ...]) -> bool:
+    return (
+        array.dtype == dtype
+        and array.ndim == len(shape)
+        and all(length in (None, found) for length, found in zip(shape, array.shape, strict=True))
+    )
