@@ -25,7 +25,7 @@ from oaisys_dataset.manifest_lines import (
     WorldManifest,
     index_manifests,
 )
-from oaisys_dataset.places import StoragePlace, open_place
+from oaisys_dataset.places import MAX_WHOLE_BYTES, StoragePlace, open_place
 from oaisys_dataset.scans import ScanRecord, read_scan
 from oaisys_dataset.shards import (
     HEAD,
@@ -68,6 +68,10 @@ def open_dataset(place: str | Path) -> Dataset:
             raise InvalidInputError(f"{HEAD}: worlds", info.worlds, expected)
     manifests = index_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
     return Dataset(opened, info, manifests)
+
+
+MAX_GAP_BYTES = 1 << 16
+"""Between two images of a frame in its tar file: the head of a member and what fills its block."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -168,6 +172,9 @@ class Dataset(Sequence[DatasetSample]):
             size = int(head[124:136].rstrip(b"\0 "), 8)
         except ValueError as error:
             raise InvalidInputError("file", name, f"a readable tar file ({error})") from error
+        if size > MAX_WHOLE_BYTES:
+            expected = f"at most {MAX_WHOLE_BYTES} bytes"
+            raise InvalidInputError(f"{name}: {LEGEND}", f"{size} bytes", expected)
         data = self.place.read(name, begin + BLOCKSIZE, size)
         return WorldLegend.from_json(data, f"{name}: {LEGEND}")
 
@@ -280,6 +287,10 @@ class Dataset(Sequence[DatasetSample]):
         begin = min(image.offset for image in images.values())
         end = max(image.offset + image.size for image in images.values())
         tar = tar_name(record.world)
+        whole = sum(image.size + MAX_GAP_BYTES for image in images.values())
+        if end - begin > whole:
+            expected = f"files beside each other in {tar}, within {whole} bytes"
+            raise InvalidInputError(f"{record.frame_id}: images", f"{end - begin} bytes", expected)
         data = memoryview(self.place.read(tar, begin, end - begin))
         if len(data) < end - begin:
             expected = f"files within {tar}, which ends at {begin + len(data)}"

@@ -13,7 +13,7 @@ import numpy as np
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.documents import parse_json
 from oaisys_core.geometry import is_rigid
-from oaisys_core.output.record_types import Bytes, Name, Sha256, check_as
+from oaisys_core.output.record_types import Bytes, FileBytes, Name, Sha256, check_as
 from oaisys_core.output.records import pose_from_record, provenance_from_record
 from oaisys_core.types import FloatArray, FrameName, SampleOutline
 
@@ -77,7 +77,7 @@ class FileRecord:
 
     file: Name
     offset: Bytes
-    size: Bytes
+    size: FileBytes
     sha256: Sha256
 
     def verify(self, file: bytes, shard: str) -> bytes:

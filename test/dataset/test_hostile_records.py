@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
-from collections.abc import Callable
+import tarfile
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +21,14 @@ from synthetic_datasets import write_dataset
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.names import is_name, path_inside
 from oaisys_core.output.reader import read_samples
+from oaisys_core.output.record_types import MAX_FILE_BYTES
 from oaisys_dataset import open_dataset
+from oaisys_dataset.check.head import part_plans
+from oaisys_dataset.check.shard import check_shard
 from oaisys_dataset.formats.base import format_names
 from oaisys_dataset.formats.export import export_dataset
+from oaisys_dataset.places import MAX_WHOLE_BYTES, open_place
+from oaisys_dataset.shards import read_head, tar_name
 
 MANIFEST = "shards/world_000000.jsonl"
 HEAD = "dataset.json"
@@ -273,9 +282,9 @@ def test_each_command_says_what_is_wrong_without_a_traceback(
 
 
 def test_a_size_beyond_the_file_takes_no_memory(foreign: Path) -> None:
-    change_line(foreign, ("images", "rgb", "size"), 10**12)
+    change_line(foreign, ("images", "rgb", "size"), MAX_FILE_BYTES)
     dataset = open_dataset(foreign)
-    with pytest.raises(InvalidInputError):
+    with little_memory(), pytest.raises(InvalidInputError):
         dataset[0]
 
 
@@ -361,3 +370,56 @@ def test_worlds_beyond_those_of_the_head_are_refused(tmp_path: Path, worlds: int
         open_dataset(folder)
     assert error.value.field == "dataset.json: worlds"
     assert error.value.received == worlds
+
+
+SPARSE_BYTES = 1 << 28
+"""Size of a file that takes no room on a disk; of one that is read as a whole, more."""
+
+LITTLE_BYTES = SPARSE_BYTES / 4
+
+
+@contextmanager
+def little_memory() -> Iterator[None]:
+    tracemalloc.start()
+    yield
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < LITTLE_BYTES
+
+
+def findings_of(dataset: Path) -> str:
+    """Return what a check finds in the first world."""
+    place = open_place(dataset)
+    parts, _ = part_plans(read_head(place))
+    with little_memory():
+        return str(check_shard(place, parts[0], 0).findings)
+
+
+def test_what_follows_a_tar_file_takes_no_memory(foreign: Path) -> None:
+    os.truncate(foreign / tar_name(0), SPARSE_BYTES)
+    assert "bytes follow the end of the tar file" in findings_of(foreign)
+
+
+@pytest.mark.parametrize("kind", [tarfile.XHDTYPE, tarfile.GNUTYPE_LONGNAME])
+def test_a_head_of_a_member_takes_no_memory(kind: bytes, foreign: Path) -> None:
+    member = tarfile.TarInfo("head")
+    member.type, member.size = kind, SPARSE_BYTES
+    tar = foreign / tar_name(0)
+    tar.write_bytes(member.tobuf(tarfile.USTAR_FORMAT))
+    os.truncate(tar, 2 * SPARSE_BYTES)
+    assert f"a member's head has {SPARSE_BYTES} bytes" in findings_of(foreign)
+
+
+def test_images_far_from_each_other_take_no_memory(foreign: Path) -> None:
+    os.truncate(foreign / tar_name(0), SPARSE_BYTES)
+    change_line(foreign, ("images", "rgb", "offset"), SPARSE_BYTES - 1000)
+    with little_memory(), pytest.raises(InvalidInputError, match="files beside each other"):
+        open_dataset(foreign)[0]
+
+
+def test_a_file_that_is_read_as_a_whole_is_bounded(foreign: Path) -> None:
+    change_line(foreign, ("images", "rgb", "size"), MAX_FILE_BYTES + 1)
+    assert f"a number of at most {MAX_FILE_BYTES}" in refusal(foreign)
+    os.truncate(foreign / MANIFEST, MAX_WHOLE_BYTES + 1)
+    with little_memory():
+        assert f"more than {MAX_WHOLE_BYTES}" in refusal(foreign)

@@ -30,6 +30,7 @@ from oaisys_core.files.names import NAME_EXPECTED, is_name
 from oaisys_core.types import EQUIDISTANT, PLUMB_BOB
 
 MAX_BYTES = 1 << 50
+MAX_FILE_BYTES = 1 << 31
 MAX_SIDE_PX = 65536
 MAX_SECONDS = 1e10
 MAX_METRES = 1e10
@@ -101,6 +102,9 @@ Ordinal = Annotated[int, Strict(), Field(ge=0, lt=1_000_000)]
 
 Count = Annotated[int, Strict(), Field(ge=0, le=1_000_000)]
 Bytes = Annotated[int, Strict(), Field(ge=0, le=MAX_BYTES)]
+FileBytes = Annotated[int, Strict(), Field(ge=0, le=MAX_FILE_BYTES)]
+"""Of a file that is read as a whole, such as an image."""
+
 Side = Annotated[int, Strict(), Field(ge=1, le=MAX_SIDE_PX)]
 Shape = Annotated[tuple[Side, ...], Field(min_length=2, max_length=3)]
 Bounded = Annotated[float, Strict(), Field(ge=-MAX_METRES, le=MAX_METRES, allow_inf_nan=False)]

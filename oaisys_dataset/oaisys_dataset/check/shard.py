@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from oaisys_dataset.check.manifests import check_manifests
 from oaisys_dataset.check.object_rows import ObjectRowsCheck
 from oaisys_dataset.check.report import ShardResult
 from oaisys_dataset.manifest import FrameRecord, ImageRecord, WorldLegend
-from oaisys_dataset.places import StoragePlace
+from oaisys_dataset.places import MAX_WHOLE_BYTES, StoragePlace
 from oaisys_dataset.records import is_intact
 from oaisys_dataset.scans import PointsRecord, ScanRecord, read_scan
 from oaisys_dataset.shards import (
@@ -34,6 +34,9 @@ from oaisys_dataset.shards import (
 
 COPIED_BYTES = 1 << 26
 """Bytes of a remote file that are copied at once."""
+
+MAX_HEAD_BYTES = 1 << 16
+"""Bytes of what a tar file says of a member; names have 255."""
 
 
 def check_shard(place: StoragePlace, part: PlannedPart, world: int) -> ShardResult:
@@ -78,14 +81,33 @@ def _map(place: StoragePlace, name: str) -> Iterator[mmap.mmap]:
                 yield data
 
 
+class _TarHeads:
+    """The part of a file object that reads the heads of a tar file's members, but no more."""
+
+    def __init__(self, data: mmap.mmap) -> None:
+        self.seek, self.tell, self._data = data.seek, data.tell, data
+
+    def read(self, size: int) -> bytes:
+        """Read a head.
+
+        Raises:
+            ValueError: It is longer than `MAX_HEAD_BYTES`, as a name of gigabytes would be.
+        """
+        if size > MAX_HEAD_BYTES:
+            raise ValueError(f"a member's head has {size} bytes, more than {MAX_HEAD_BYTES}")
+        return self._data.read(size)
+
+
 def _members(data: mmap.mmap) -> dict[str, tuple[int, int]]:
     """Return offset and size of each member of a tar file."""
     data.seek(0)
-    with tarfile.open(fileobj=data, mode="r:") as tar:
+    heads = cast("IO[bytes]", _TarHeads(data))
+    with tarfile.open(fileobj=heads, mode="r:") as tar:
         members = {each.name: (each.offset_data, each.size) for each in tar.getmembers()}
         end = tar.offset + 2 * tarfile.BLOCKSIZE
         if not any(data[tar.offset : end]) and members:
-            if any(data[end:]) or len(data) > end + tarfile.RECORDSIZE:
+            # By the size first: a sparse file takes no room on a disk, but would in memory.
+            if len(data) > end + tarfile.RECORDSIZE or any(data[end:]):
                 raise ValueError(f"{len(data) - end} bytes follow the end of the tar file")
             return members
     raise ValueError("a member's head was changed: the tar file ends before its end")
@@ -116,6 +138,8 @@ def _legend(data: mmap.mmap, members: dict[str, tuple[int, int]]) -> WorldLegend
     if LEGEND not in members:
         raise ValueError(f"it has no {LEGEND}")
     offset, size = members[LEGEND]
+    if size > MAX_WHOLE_BYTES:
+        raise ValueError(f"{LEGEND} has {size} bytes, more than {MAX_WHOLE_BYTES}")
     text = data[offset : offset + size]
     if not is_intact(text):
         raise ValueError(f"{LEGEND} was changed: its hash differs")

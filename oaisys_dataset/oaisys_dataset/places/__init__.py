@@ -12,13 +12,21 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Protocol
 
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_dataset.places.local import PART, LocalPlace
+from oaisys_dataset.places.local import MAX_WHOLE_BYTES, PART, LocalPlace
 from oaisys_dataset.places.remote import RemotePlace
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
-__all__ = ["PART", "S3_ENDPOINT", "LocalPlace", "RemotePlace", "StoragePlace", "open_place"]
+__all__ = [
+    "MAX_WHOLE_BYTES",
+    "PART",
+    "S3_ENDPOINT",
+    "LocalPlace",
+    "RemotePlace",
+    "StoragePlace",
+    "open_place",
+]
 
 S3_ENDPOINT = "AWS_ENDPOINT_URL"
 """Environment variable with the URL of an S3-compatible server."""

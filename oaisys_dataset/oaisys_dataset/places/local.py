@@ -21,6 +21,9 @@ PART = ".part"
 MAX_FILE_BYTES = 2**62
 """More than any file has; what is read of it is bounded by who reads."""
 
+MAX_WHOLE_BYTES = 1 << 29
+"""Size of an object that is read as a whole: a manifest of 200,000 frames, a head, a table."""
+
 
 class LocalPlace:
     """A folder on this machine."""
@@ -51,7 +54,8 @@ class LocalPlace:
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `StoragePlace.read`."""
         path = self._root / name
-        with require_found(self.url, name), open_regular(path, MAX_FILE_BYTES) as file:
+        most_bytes = MAX_WHOLE_BYTES if size is None else MAX_FILE_BYTES
+        with require_found(self.url, name), open_regular(path, most_bytes) as file:
             # A size from a manifest may be anything; `read` would take memory for all of it.
             left = max(0, os.fstat(file.fileno()).st_size - offset)
             file.seek(offset)
