@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from numpy.typing import NDArray
 
-from oaisys_core.errors import ConfigError, InvalidInputError, NotFoundError
+from oaisys_core.errors import ConfigError, InvalidInputError, NotFoundError, one_of
 from oaisys_core.types import FloatArray, LidarScan, ShortRepr
 from oaisys_dataset.manifest import (
     DatasetInfo,
@@ -55,8 +55,8 @@ def open_dataset(place: str | Path) -> Dataset:
     """Return the data set in a folder or at a URL, with the worlds that are finished.
 
     Raises:
-        InvalidInputError: There is no data set, it cannot be read, or it has worlds beyond those
-            of its head.
+        InvalidInputError: There is no data set, it cannot be read, or it has worlds or splits
+            beyond those of its head.
     """
     opened = open_place(place)
     info = read_head(opened)
@@ -67,6 +67,7 @@ def open_dataset(place: str | Path) -> Dataset:
             expected = f"{max(worlds) + 1} or more, as there is world {max(worlds)}"
             raise InvalidInputError(f"{HEAD}: worlds", info.worlds, expected)
     manifests = index_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
+    _check_splits(info, manifests, manifest_name)
     return Dataset(opened, info, manifests)
 
 
@@ -136,6 +137,7 @@ class Dataset(Sequence[DatasetSample]):
             names = set(self.place.names(SHARDS))
             worlds = (world for world in self.worlds if scans_name(world) in names)
         found = index_manifests(self.place, worlds, scans_name, ScanRecord.from_json)
+        _check_splits(self.info, found, scans_name)
         return ManifestLines(self.place, ScanRecord, scans_name, found)
 
     @cached_property
@@ -339,6 +341,16 @@ class Dataset(Sequence[DatasetSample]):
         if isinstance(index, slice):
             return [self.sample(record) for record in self.records[index]]
         return self.sample(self.records[index])
+
+
+def _check_splits(
+    info: DatasetInfo, manifests: Iterable[WorldManifest], name_of: Callable[[int], str]
+) -> None:
+    """Raise if a world is in a split that the head of its data set has not."""
+    for manifest in manifests:
+        if manifest.split not in info.splits:
+            expected = f"{one_of(info.splits, manifest.split)}, as {HEAD} says"
+            raise InvalidInputError(f"{name_of(manifest.world)}:1: split", manifest.split, expected)
 
 
 def _pixels(file: bytes, modality: str, image: ImageRecord) -> NDArray[Any]:

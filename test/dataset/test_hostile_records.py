@@ -423,3 +423,13 @@ def test_a_file_that_is_read_as_a_whole_is_bounded(foreign: Path) -> None:
     os.truncate(foreign / MANIFEST, MAX_WHOLE_BYTES + 1)
     with little_memory():
         assert f"more than {MAX_WHOLE_BYTES}" in refusal(foreign)
+
+
+def test_a_split_that_the_head_has_not_is_refused(foreign: Path, tmp_path: Path) -> None:
+    for line in range(2):
+        change_line(foreign, ("split",), "other", line)
+    told = f"{MANIFEST}:1: split: received 'other', expected one of train, val, as {HEAD} says"
+    assert told in refusal(foreign)
+    done = oaisys_here("dataset", "export", foreign, "--format", "coco", "--out", tmp_path / "out")
+    assert told in done.stderr
+    assert done.returncode == 2

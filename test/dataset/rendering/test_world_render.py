@@ -81,7 +81,7 @@ def test_a_world_without_any_image_fails(lidars):
 
 def test_a_world_of_a_data_set_is_a_batch_of_the_simulation(config, tmp_path: Path):
     place = open_place(tmp_path)
-    place.write(HEAD, dataset_info(config, 3, 2, {"all": 1.0}).to_json().encode())
+    place.write(HEAD, dataset_info(config, 3, 2, {"train": 0.5, "val": 0.5}).to_json().encode())
     renderer = WorldRenderer(config, "test")
     parts = list(write_world(place, TASKS[1], renderer.render(TASKS[1])))
     renderer.close()
