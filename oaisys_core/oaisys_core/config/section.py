@@ -69,7 +69,7 @@ Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 """A factor on a size."""
 
 
-def _pair(value: Any) -> Any:
+def as_pair(value: Any) -> Any:
     """Return a number twice, also one that YAML 1.1 takes for text, such as ``1e3``."""
     if isinstance(value, str):
         with suppress(ValueError):
@@ -91,14 +91,14 @@ def _in_order(value: tuple[float, float]) -> tuple[float, float]:
 
 Range = Annotated[
     tuple[float, float],
-    BeforeValidator(_pair, json_schema_input_type=float | tuple[float, float]),
+    BeforeValidator(as_pair, json_schema_input_type=float | tuple[float, float]),
     AfterValidator(_in_order),
 ]
 """Range ``[least, most]`` of a random value; a single number stands for both."""
 
 PositiveRange = Annotated[
     tuple[Positive, Positive],
-    BeforeValidator(_pair, json_schema_input_type=Positive | tuple[Positive, Positive]),
+    BeforeValidator(as_pair, json_schema_input_type=Positive | tuple[Positive, Positive]),
     AfterValidator(_in_order),
 ]
 

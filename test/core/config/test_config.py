@@ -279,3 +279,29 @@ def test_the_sky_of_mars_is_brighter_and_redder_at_the_horizon() -> None:
 def test_a_body_that_is_not_valid_is_refused_where_it_stands() -> None:
     with pytest.raises(ConfigError, match=r"stage\.body"):
         config_from_mapping({"stage": {"body": "venus"}})
+
+
+def test_ranges_of_things_take_single_numbers() -> None:
+    rocks = [{"count": 300, "size_m": 0.5, "sink": 0.2}, {"cover": 0.03}]
+    group = {"name": "a", "shape": "birch", "label": "tree", "semantic_id": 3}
+    groups = [{**group, "count": 5, "size_m": 3, "sink": 0.1}]
+    assets = config_from_mapping({"assets": {"rocks": rocks, "groups": groups}}).assets
+    assert (assets.rocks[0].count, assets.rocks[0].size_m) == ((300, 300), (0.5, 0.5))
+    assert (assets.rocks[0].sink, assets.rocks[1].cover) == ((0.2, 0.2), (0.03, 0.03))
+    assert (assets.groups[0].count, assets.groups[0].sink) == ((5, 5), (0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "expected"),
+    [
+        ("count", "many", r"a number or \[least, most\]"),
+        ("count", 1.5, "a whole number"),
+        ("count", [5, 3], r"\[least, most\]"),
+        ("cover", 0.9, "a number of at most 0.5"),
+        ("sink", 2, "a number of at most 1"),
+        ("size_m", -1, "the least at least 0"),
+    ],
+)
+def test_other_numbers_of_things_are_refused(key: str, value: Any, expected: str) -> None:
+    with pytest.raises(ConfigError, match=rf"assets\.rocks\.0\.{key}: received .*{expected}"):
+        config_from_mapping({"assets": {"rocks": [{key: value}]}})

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from oaisys_core.config.section import (
     MIN_SIZE_M,
@@ -20,8 +20,9 @@ from oaisys_core.config.section import (
     SemanticId,
     TileEdge,
     Vector3,
+    as_pair,
 )
-from oaisys_core.config.sections.groups import Count, GroupConfig
+from oaisys_core.config.sections.groups import CountRange, FractionRange, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig
 from oaisys_core.geometry import MAX_M
 
@@ -30,6 +31,16 @@ MAX_GROUPS, MAX_OBJECTS = 1000, 2500
 
 
 Cover = Annotated[float, Field(gt=0, le=0.5)]
+
+CoverRange = Annotated[
+    tuple[Cover, Cover],
+    BeforeValidator(as_pair, json_schema_input_type=Cover | tuple[Cover, Cover]),
+]
+
+Sizes = Annotated[
+    tuple[float, float],
+    BeforeValidator(as_pair, json_schema_input_type=float | tuple[float, float]),
+]
 
 
 class RockGroupConfig(Labelled):
@@ -54,12 +65,12 @@ class RockGroupConfig(Labelled):
     """
 
     kind: str = "angular"
-    count: tuple[Count, Count] = (120, 120)
-    cover: tuple[Cover, Cover] | None = None
-    size_m: tuple[float, float] = (0.15, 1.2)
+    count: CountRange = (120, 120)
+    cover: CoverRange | None = None
+    size_m: Sizes = (0.15, 1.2)
     size_exponent: Positive = 1.8
     variants: int = Field(default=24, ge=1, le=64)
-    sink: tuple[float, float] = (0.1, 0.6)
+    sink: FractionRange = (0.1, 0.6)
     max_slope_deg: float = Field(default=40.0, ge=0, le=90)
     beyond_stage: bool = True
     label: LabelText = "rock"

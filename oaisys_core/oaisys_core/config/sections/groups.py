@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator
 
-from oaisys_core.config.section import Positive, PositiveRange, Range
+from oaisys_core.config.section import Positive, PositiveRange, Range, as_pair
 from oaisys_core.config.sections.density import DensityConfig
 from oaisys_core.config.sections.objects import Fraction, Name, ShapedConfig
 
@@ -17,6 +17,16 @@ MAX_INSTANCES = 1_000_000
 """Largest number of instances of a group, including factors from metadata."""
 
 Count = Annotated[int, Field(ge=0, le=MAX_INSTANCES)]
+
+CountRange = Annotated[
+    tuple[Count, Count],
+    BeforeValidator(as_pair, json_schema_input_type=Count | tuple[Count, Count]),
+]
+
+FractionRange = Annotated[
+    tuple[Fraction, Fraction],
+    BeforeValidator(as_pair, json_schema_input_type=Fraction | tuple[Fraction, Fraction]),
+]
 
 
 class GroupConfig(ShapedConfig):
@@ -55,7 +65,7 @@ class GroupConfig(ShapedConfig):
     """
 
     name: Name
-    count: tuple[Count, Count]
+    count: CountRange
     probability: Fraction = 1.0
     hidden: bool = False
     variants: int | None = Field(default=None, ge=1, le=64)
@@ -72,7 +82,7 @@ class GroupConfig(ShapedConfig):
     yaw_deg: Range = (-180.0, 180.0)
     tilt_deg: float | None = Field(default=None, ge=0, le=90)
     align: Fraction | None = None
-    sink: tuple[Fraction, Fraction] | None = None
+    sink: FractionRange | None = None
     beyond_stage: bool | None = None
 
     @field_validator("count", "sink")
