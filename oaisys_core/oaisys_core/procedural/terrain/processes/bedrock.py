@@ -30,8 +30,12 @@ SIZES = (1.0, 0.45, 0.2)
 LEAST_CELLS = 4.0
 """Grid cells across the smallest blocks."""
 
-BEND, BEND_BLOCKS = 0.35, 5.0
+BEND, BEND_BLOCKS = 0.55, 5.0
 """By how much joints bend, and the wavelength of it, in blocks."""
+
+GAPS, SHIFTS = (0.45, 1.65), 12.0
+"""Least gap between two joints and how much more it may be, in their mean spacing; and the length
+within which those of the second set are shifted from row to row, in the same."""
 
 BARE_DEG = (28.0, 46.0)
 """Slopes from which on rock is bare here and there, and everywhere."""
@@ -132,17 +136,24 @@ class _Joints(NamedTuple):
     """Two sets of joints, of which the second one ends at the first.
 
     Attributes:
-        along, across: (rows, cols) distances from the first joint of each set, in their spacings.
+        along: (rows, cols) numbers of joints of the first set up to a place, and the share of the
+            way to the next one.
+        across: (rows, cols) distances along the second set, in its mean spacing.
         shift: (R,) by which joints of the second set are shifted in each row of blocks.
-        columns: Number of blocks in a row, at most.
-        cells: Grid cells across a block, along each of both.
+        ends: (columns + 1,) where these joints are.
+        cells: Grid cells across a block of the mean size, along each of both.
     """
 
     along: FloatArray
     across: FloatArray
     shift: FloatArray
-    columns: int
+    ends: FloatArray
     cells: tuple[float, float]
+
+    @property
+    def columns(self) -> int:
+        """Number of blocks in a row, at most."""
+        return len(self.ends)
 
     @property
     def block_count(self) -> int:
@@ -152,7 +163,7 @@ class _Joints(NamedTuple):
     def blocks(self) -> NDArray[np.intp]:
         """Return the (rows, cols) number of each cell's block."""
         row = np.floor(self.along).astype(np.intp)
-        return self._number(row, np.floor(self.across + self.shift[row]).astype(np.intp))
+        return self._number(row, np.floor(self._across(row)).astype(np.intp))
 
     def faces(self, width_cells: float) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
         """Yield the (rows, cols) numbers of blocks, and their shares in each cell, which sum to 1.
@@ -161,9 +172,13 @@ class _Joints(NamedTuple):
         ``width_cells``: a wall that is no wider than a cell would have the steps of the grid.
         """
         for row, in_row in _two(self.along, width_cells / self.cells[0], len(self.shift)):
-            across = self.across + self.shift[row]
+            across = self._across(row)
             for column, in_column in _two(across, width_cells / self.cells[1], self.columns):
                 yield self._number(row, column), in_row * in_column
+
+    def _across(self, row: NDArray[np.intp]) -> FloatArray:
+        """Return what `along` is, of the second set, in (rows, cols) rows of blocks."""
+        return np.interp(self.across + self.shift[row], self.ends, np.arange(self.columns))
 
     def _number(self, row: NDArray[np.intp], column: NDArray[np.intp]) -> NDArray[np.intp]:
         return np.asarray(row * self.columns + column)
@@ -194,12 +209,22 @@ def _joints(
     # The second set stands oblique to the first one, and its joints are closer.
     along = (x * east + y * north) / edge_m + bends[0]
     across = (y * (east - 0.3 * north) - x * (north + 0.3 * east)) / (0.7 * edge_m) + bends[1]
-    along -= np.floor(along.min())
-    shift = rng.random(int(along.max()) + 1)
-    across -= np.floor(across.min())
-    columns = int(across.max()) + 2
+    along -= along.min()
+    ends = _draw_ends(float(along.max()), rng)
+    along = np.interp(along, ends, np.arange(len(ends)))
+    across -= across.min()
+    shift = SHIFTS * rng.random(int(along.max()) + 1)
+    ends = _draw_ends(float(across.max()) + SHIFTS, rng)
     cells = edge_m / spacing_m
-    return _Joints(along, across, shift, columns, (cells, 0.7 * cells))
+    return _Joints(along, across, shift, ends, (cells, 0.7 * cells))
+
+
+def _draw_ends(length: float, rng: np.random.Generator) -> FloatArray:
+    """Return (E,) places of joints from 0 to beyond a length, some close, some far apart."""
+    least, more = GAPS
+    gaps = least + more * rng.random(int(length / least) + 2) ** 2
+    ends = np.concatenate(([0.0], np.cumsum(gaps)))
+    return ends[: int(np.searchsorted(ends, length)) + 2]
 
 
 def _stepped(
