@@ -71,13 +71,13 @@ class BlockShape(NamedTuple):
     """Blocks of one size.
 
     Attributes:
-        count: Blocks along a tile's edge.
+        along: Blocks along the edge of a tile.
         lean: Slope of their faces.
         step: Deviation of their heights, in tile edges.
         bend: How far their borders are bent, relative to their size.
     """
 
-    count: int
+    along: int
     lean: float
     step: float
     bend: float
@@ -231,7 +231,7 @@ def _blocks(
         rng: Draws them.
         size_px: Edge length of the tile.
     """
-    ids = cells.voronoi(size_px, shape.count, rng, warp=shape.bend, jitter=0.49, smooth=1.7)
+    ids = cells.voronoi(size_px, shape.along, rng, warp=shape.bend, jitter=0.49, smooth=1.7)
     faces = cells.facet_heights(ids, rng, shape.lean * leans, 0.5 * shape.lean)
     each = cells.per_cell(ids, rng)
     return faces + np.float32(shape.step) * each, each, cells.border_distance(ids) / size_px

@@ -11,11 +11,11 @@ from oaisys_core.procedural.terrain.presets import SHAPED, make_ground
 from tools.gallery.geomorphometry import concavity, crater_exponents, measure
 
 DIGESTS = {
-    "alpine": "bd393fde3487e911",
+    "alpine": "e4ccd8f9693a0e55",
     "badlands": "d30d5b46b6b8f9ab",
     "canyon": "f3c318e4db2f33bf",
     "crater_field": "e80f6146d4707292",
-    "mesa": "1d93770b48ba5fc2",
+    "mesa": "73b7be811b11c0ed",
     "mountain_1": "baee871f58b884d5",
     "river_bed": "3d9904567413ee10",
     "slab_dunes": "feab3fa7ee1e6661",
