@@ -43,6 +43,13 @@ across them it is some twice their width, and gaps are as wide as they are."""
 TWIG_LEAVES = 8
 """Organs on each of the outermost twigs, which are triangles."""
 
+CANDIDATES = 2.2
+"""Places that are tried for each organ; stems of more than this times the mean length have no more
+organs than those."""
+
+SHORTEST_TWIG = 0.25
+"""Length of twigs on the shortest stems, relative to others: without this, tops would be blunt."""
+
 NEAR_GROUND = 0.1
 """Height, as a share of the plant's size, below which organs point upwards."""
 
@@ -164,7 +171,7 @@ class Dress:
         orders = self.orders
         if self.foliage.twig * self.size_m > 2 * self.organ.length_m[1]:
             orders = [(self._twigs(-(-count // TWIG_LEAVES), rng), 1.0)]
-        feet, directions = _spread(orders, self.foliage, count, rng)
+        feet, directions, _ = _spread(orders, self.foliage, count, rng)
         # Nothing near the ground grows into it.
         directions[:, 2] = np.where(feet[:, 2] < NEAR_GROUND, np.abs(directions[:, 2]),
                                     directions[:, 2])  # fmt: skip
@@ -173,8 +180,9 @@ class Dress:
 
     def _twigs(self, count: int, rng: np.random.Generator) -> Stems:
         """Add twigs of one triangle each and return them."""
-        feet, directions = _spread(self.orders, self.foliage, count, rng)
+        feet, directions, of_stems = _spread(self.orders, self.foliage, count, rng)
         lengths = self.foliage.twig * rng.uniform(0.6, 1.3, len(feet))
+        lengths *= np.clip(of_stems, SHORTEST_TWIG, 1.0)
         ends = feet + lengths[:, None] * unit(directions)
         widths = TWIG_WIDTH * lengths
         bark = np.tile(np.asarray(self.bark, np.float64), (len(feet), 1))
@@ -185,19 +193,25 @@ class Dress:
 
 def _spread(
     orders: list[tuple[Stems, float]], foliage: Foliage, count: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Return (N, 3) feet and directions of about ``count`` organs, even on each order's stems."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (N, 3) feet and directions of about ``count`` organs, and relative lengths of stems.
+
+    On the stems of each order they are as dense on long ones as on short ones.
+    """
     total = sum(share for _, share in orders)
-    feet, directions = [], []
+    feet, directions, lengths = [], [], []
     for stem, share in orders:
         number = round(count * share / total)
-        stem_count = len(stem.points_m)
-        shares = spread_shares(stem_count, -(-number // stem_count), foliage.span, rng)
+        relative = stem.lengths_m / stem.lengths_m.mean()
+        each = -(-round(CANDIDATES * number) // len(relative))
+        shares = spread_shares(len(relative), each, foliage.span, rng)
         some, ways, _ = departures(stem, shares, foliage.angle_deg, 0.2, rng)
-        chosen = np.sort(rng.permutation(shares.size)[:number])
+        taken = np.flatnonzero(rng.uniform(size=shares.shape) < relative[:, None] / CANDIDATES)
+        chosen = np.sort(taken[rng.permutation(len(taken))[:number]])
         feet.append(some.reshape(-1, 3)[chosen])
         directions.append(ways.reshape(-1, 3)[chosen])
-    return np.concatenate(feet), np.concatenate(directions)
+        lengths.append(np.repeat(relative, each)[chosen])
+    return np.concatenate(feet), np.concatenate(directions), np.concatenate(lengths)
 
 
 def _light(feet: FloatArray) -> FloatArray:
