@@ -46,8 +46,8 @@ BASE_RELIEF, RELIEF_GAIN = 0.35, 2.5
 MAX_LOBE = 3.4
 """Largest lobe, in standard deviations: beyond it there are none in a thousandth of the air."""
 
-OUTSIDE = 2.5
-"""How much steeper the map is where there are no clouds."""
+OUTSIDE = 6.0
+"""How much steeper the map is where there are no clouds: else lobes stand alone as puffs."""
 
 EVERY = 4
 """Spacing of the texels that tell the cover of a threshold; of the slabs it is 2."""
