@@ -12,7 +12,7 @@ import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class _StageFields:
     hash: Sha256
     stage_seed: _SeedText
     asset_seed: _SeedText
-    assets_sha256: Sha256
+    assets_sha256: Sha256 | Literal[""]
     asset_metadata: dict[str, Any]
 
 
@@ -75,7 +75,8 @@ class StageRecord:
         ground: The ground before materials displace it.
         stage_seed: Seed of its material.
         asset_seed: Seed of its objects.
-        assets_sha256: Hash of the asset configuration that the objects were drawn with.
+        assets_sha256: Hash of the asset configuration that the objects were drawn with; empty of a
+            stage without objects.
         asset_metadata: Asset metadata at the start of the batch.
     """
 

@@ -61,6 +61,11 @@ def refusal(path: Path) -> str:
     return text
 
 
+def test_a_stage_without_objects_has_no_hash_of_them(tmp_path: Path) -> None:
+    save_stage(tmp_path / "stage.npz", record_of(GRID, assets_sha256=""))
+    assert load_stage(tmp_path / "stage.npz").assets_sha256 == ""
+
+
 @pytest.mark.parametrize("ground", [GRID, MeshGround(POINTS, CORNERS)])
 def test_what_was_stored_comes_back(ground: HeightField | MeshGround, tmp_path: Path) -> None:
     record = record_of(ground, asset_metadata={"count_factor": 0.5})

@@ -88,7 +88,7 @@ def test_views_are_flown_to_on_a_trajectory_topic(world, tmp_path, ros_domain_id
     assert result.returncode == 1, result.stderr
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert not figures["closed"]
-    assert figures["completion_ratio"] == pytest.approx(0.841, abs=0.03)
+    assert figures["completion_ratio"] == pytest.approx(0.878, abs=0.03)
     assert figures["missed"][0].startswith("completion_ratio is")
     assert f"missed: {figures['missed'][0]}" in result.stderr
     (flown,) = figures["explorations"]
