@@ -11,7 +11,6 @@ from typing import Annotated, Any, get_args
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -69,7 +68,7 @@ Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
 """A factor on a size."""
 
 
-def as_pair(value: Any) -> Any:
+def _pair(value: Any) -> Any:
     """Return a number twice, also one that YAML 1.1 takes for text, such as ``1e3``."""
     if isinstance(value, str):
         with suppress(ValueError):
@@ -89,18 +88,23 @@ def _in_order(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-Range = Annotated[
-    tuple[float, float],
-    BeforeValidator(as_pair, json_schema_input_type=float | tuple[float, float]),
-    AfterValidator(_in_order),
-]
+class OneForBoth:
+    """Marks a pair of numbers for both of which a single one may stand."""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Repeat a single number before the pair is checked."""
+        either = handler.generate_schema(get_args(source)[0] | source)
+        return core_schema.no_info_before_validator_function(
+            _pair, handler(source), json_schema_input_schema=either
+        )
+
+
+Range = Annotated[tuple[float, float], OneForBoth(), AfterValidator(_in_order)]
 """Range ``[least, most]`` of a random value; a single number stands for both."""
 
-PositiveRange = Annotated[
-    tuple[Positive, Positive],
-    BeforeValidator(as_pair, json_schema_input_type=Positive | tuple[Positive, Positive]),
-    AfterValidator(_in_order),
-]
+PositiveRange = Annotated[tuple[Positive, Positive], OneForBoth(), AfterValidator(_in_order)]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from oaisys_core.config.section import (
     MIN_SIZE_M,
     Labelled,
     LabelText,
+    OneForBoth,
     Position,
     Positive,
     Quaternion,
@@ -20,7 +21,6 @@ from oaisys_core.config.section import (
     SemanticId,
     TileEdge,
     Vector3,
-    as_pair,
 )
 from oaisys_core.config.sections.groups import CountRange, FractionRange, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig
@@ -31,16 +31,6 @@ MAX_GROUPS, MAX_OBJECTS = 1000, 2500
 
 
 Cover = Annotated[float, Field(gt=0, le=0.5)]
-
-CoverRange = Annotated[
-    tuple[Cover, Cover],
-    BeforeValidator(as_pair, json_schema_input_type=Cover | tuple[Cover, Cover]),
-]
-
-Sizes = Annotated[
-    tuple[float, float],
-    BeforeValidator(as_pair, json_schema_input_type=float | tuple[float, float]),
-]
 
 
 class RockGroupConfig(Labelled):
@@ -66,8 +56,8 @@ class RockGroupConfig(Labelled):
 
     kind: str = "angular"
     count: CountRange = (120, 120)
-    cover: CoverRange | None = None
-    size_m: Sizes = (0.15, 1.2)
+    cover: Annotated[tuple[Cover, Cover], OneForBoth()] | None = None
+    size_m: Annotated[tuple[float, float], OneForBoth()] = (0.15, 1.2)
     size_exponent: Positive = 1.8
     variants: int = Field(default=24, ge=1, le=64)
     sink: FractionRange = (0.1, 0.6)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import Field, field_validator
 
-from oaisys_core.config.section import Positive, PositiveRange, Range, as_pair
+from oaisys_core.config.section import OneForBoth, Positive, PositiveRange, Range
 from oaisys_core.config.sections.density import DensityConfig
 from oaisys_core.config.sections.objects import Fraction, Name, ShapedConfig
 
@@ -18,15 +18,8 @@ MAX_INSTANCES = 1_000_000
 
 Count = Annotated[int, Field(ge=0, le=MAX_INSTANCES)]
 
-CountRange = Annotated[
-    tuple[Count, Count],
-    BeforeValidator(as_pair, json_schema_input_type=Count | tuple[Count, Count]),
-]
-
-FractionRange = Annotated[
-    tuple[Fraction, Fraction],
-    BeforeValidator(as_pair, json_schema_input_type=Fraction | tuple[Fraction, Fraction]),
-]
+CountRange = Annotated[tuple[Count, Count], OneForBoth()]
+FractionRange = Annotated[tuple[Fraction, Fraction], OneForBoth()]
 
 
 class GroupConfig(ShapedConfig):
