@@ -11,8 +11,8 @@ import pytest
 from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core.config import config_from_mapping
+from oaisys_core.config.sections.stage import MAX_PX
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.procedural.terrain.ground_checks import MAX_PX
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.simulation import Simulation

@@ -36,6 +36,9 @@ def body_name(body: Body) -> str | None:
 LEAST_EXTENT_M = 0.01
 """Least edge length of a stage."""
 
+MAX_PX = 8193
+"""Largest number of points along an edge of a ground."""
+
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 """A name that cannot be a path."""
 
@@ -200,7 +203,7 @@ class StageConfig(Section):
 
     preset: str = "mounds"
     extent_m: float = Field(default=64.0, ge=LEAST_EXTENT_M, le=MAX_M)
-    resolution_px: int = Field(default=1025, ge=2, le=8193)
+    resolution_px: int = Field(default=1025, ge=2, le=MAX_PX)
     relief_m: float | None = Field(default=None, ge=0, le=MAX_M)
     roughness: float = Field(default=1.0, ge=0, le=10)
     dem: DemConfig | None = None

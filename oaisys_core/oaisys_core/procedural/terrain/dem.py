@@ -16,9 +16,8 @@ from oaisys_core.procedural.terrain.elevation.reading import StoredModel, read_m
 from oaisys_core.procedural.terrain.elevation.references import Reference, parse_reference
 from oaisys_core.procedural.terrain.elevation.units import height_unit_m
 from oaisys_core.procedural.terrain.elevation.voids import check_for_voids, find_missing
-from oaisys_core.procedural.terrain.ground_checks import HEIGHTS_EXPECTED, are_heights
+from oaisys_core.procedural.terrain.ground_checks import HEIGHTS_EXPECTED, are_heights, check_extent
 from oaisys_core.procedural.terrain.holes import fill_holes, number_of_holes
-from oaisys_core.procedural.terrain.stage_extent import check_extent
 from oaisys_core.scene import HeightField
 from oaisys_core.types import FloatArray, Georeference
 

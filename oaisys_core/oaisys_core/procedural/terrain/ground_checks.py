@@ -1,4 +1,4 @@
-"""What every ground is held to: heights within bounds, a grid of points, triangles with an area.
+"""What every ground is held to: heights and edges within bounds, surface to stand on.
 
 Whatever reads or makes a ground uses these checks, so that a stored stage is no other than a new
 one.
@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.config.sections.stage import LEAST_EXTENT_M, MAX_PX
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import MAX_M
 from oaisys_core.procedural.meshes.checks import check_mesh
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
-from oaisys_core.procedural.terrain.stage_extent import check_cover, check_extent
-from oaisys_core.scene import HeightField
-
-MAX_PX = 8193
-"""Largest number of points along an edge of a ground, as for presets."""
+from oaisys_core.scene import Ground, HeightField
 
 FARTHEST_M = 2 * MAX_M
 """Largest coordinate of a grid: its middle is within `MAX_M`, and its edges are no longer."""
+
+LEAST_SHARE = 1e-6
+"""Least share of its extent that a mesh covers, seen from above; walls alone cover nothing."""
 
 HEIGHTS_EXPECTED = f"finite heights of at most {MAX_M:g} m"
 
@@ -84,6 +84,51 @@ def check_triangles(ground: MeshGround, path: Path, field: str) -> None:
     check_mesh(points, corners, path, field)
     check_extent(ground, path, field)
     check_cover(ground, path, field)
+
+
+def check_extent(ground: Ground, path: Path, field: str) -> None:
+    """Raise if a ground from a file has an edge that no stage can have.
+
+    The relief of one far smaller than `LEAST_EXTENT_M` takes minutes to compute.
+
+    Args:
+        ground: The ground.
+        path: The file.
+        field: Name of the file's field in errors.
+
+    Raises:
+        InvalidInputError: It is too short or too long in x or in y.
+    """
+    x0, y0, x1, y1 = ground.extent_m
+    # A tenth of a percent of the bound may be lost where coordinates are float32.
+    low_m, high_m = 0.999 * LEAST_EXTENT_M, 1.001 * MAX_M
+    if not all(low_m <= edge_m <= high_m for edge_m in (x1 - x0, y1 - y0)):
+        expected = (
+            f"a ground of {LEAST_EXTENT_M:g} to {MAX_M:g} m in x and in y,"
+            f" not {x1 - x0:.6g} x {y1 - y0:.6g} m"
+        )
+        raise InvalidInputError(field, str(path), expected)
+
+
+def check_cover(ground: MeshGround, path: Path, field: str) -> None:
+    """Raise if a mesh has hardly any surface seen from above, such as a vertical wall.
+
+    Args:
+        ground: The ground.
+        path: The file.
+        field: Name of the file's field in errors.
+
+    Raises:
+        InvalidInputError: Its triangles are vertical.
+    """
+    x0, y0, x1, y1 = ground.extent_m
+    covered_m2 = len(ground.corners) * ground.spacing_m**2 / 2
+    if not covered_m2 >= LEAST_SHARE * (x1 - x0) * (y1 - y0):
+        expected = (
+            f"triangles that cover {LEAST_SHARE:g} of its extent of {x1 - x0:.6g} x {y1 - y0:.6g} m"
+            f" seen from above, not {covered_m2:.3g} m2: vertical ones have no ground"
+        )
+        raise InvalidInputError(field, str(path), expected)
 
 
 def _has_form(array: NDArray[Any], dtype: type, shape: tuple[int | None, ...]) -> bool:

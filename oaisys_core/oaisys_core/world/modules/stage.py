@@ -22,10 +22,10 @@ from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.procedural.terrain.detail import Detail
+from oaisys_core.procedural.terrain.ground_checks import check_cover, check_extent
 from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
-from oaisys_core.procedural.terrain.stage_extent import check_cover, check_extent
 from oaisys_core.procedural.terrain.surroundings.kinds import Surroundings
 from oaisys_core.procedural.terrain.surroundings.octaves import Shaper
 from oaisys_core.procedural.terrain.water.ponds import Water, WaterLook, level_from_share, water_on

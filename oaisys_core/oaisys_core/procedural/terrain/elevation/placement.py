@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oaisys_core.config.sections.stage import DemConfig
+from oaisys_core.config.sections.stage import MAX_PX, DemConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.terrain.elevation.references import (
     LocalScale,
@@ -17,7 +17,6 @@ from oaisys_core.procedural.terrain.elevation.references import (
     measure_scale,
 )
 from oaisys_core.procedural.terrain.elevation.warp import LocalGrid, indices, spline_through
-from oaisys_core.procedural.terrain.ground_checks import MAX_PX
 from oaisys_core.types import FloatArray, Georeference
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.config.sections.stage import MAX_PX
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.procedural.textures import cache
 from oaisys_core.procedural.textures.code_version import version_of
@@ -34,7 +35,7 @@ CODE = (
 )
 """Files and folders of the package with the code that makes them."""
 
-MAX_GROUND_BYTES = 8193 * 8193 * 4 + 4096
+MAX_GROUND_BYTES = MAX_PX * MAX_PX * 4 + 4096
 
 
 def make_once(
