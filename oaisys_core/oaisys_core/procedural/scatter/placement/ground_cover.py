@@ -18,32 +18,32 @@ from oaisys_core.scene import Ground, TerrainMaterial
 from oaisys_core.scene.terrain_material import MAX_TONE, MIN_TONE
 from oaisys_core.types import FloatArray
 
-MAX_TUFTS = 40_000
-"""Largest number of tufts of one kind on a stage; on large stages they are fewer and larger."""
+MOST_PLACES = 40_000
+"""Largest number of one kind on a stage; on large stages they are fewer and larger."""
 
 LARGEST = 1.6
 """By how much they are larger at most."""
 
 EDGE_M = 0.35
-"""Standard deviation of the blur from which a tuft knows how near the layer's edge is."""
+"""Standard deviation of the blur from which a patch knows how near the layer's edge is."""
 
 LEAST_WEIGHT = 0.25
-"""Weight of the layer from which on tufts stand."""
+"""Weight of the layer from which on there are some."""
 
 STUNTED = 0.5
-"""Size of tufts at the edge of a layer, where it covers hardly anything around them."""
+"""Size of patches at the edge of a layer, where it covers hardly anything around them."""
 
 CLUMP_M, CLUMPS_PX = 3.0, 256
-"""Width of the places where grass is dense or high, and size of their map."""
+"""Width of the places where patches are dense or large, and size of their map."""
 
 SUNK = 0.01
-"""Depth of the feet below the ground, in widths of a tuft."""
+"""Depth of the feet below the ground, in widths of a patch."""
 
 SHORE_M = 0.03
-"""Height above the water from which on grass stands."""
+"""Height above the water from which on there are some."""
 
 TONES = 3
-"""Number of colours of the tufts of a layer: lush, usual and dry."""
+"""Number of colours of the patches of a layer: lush, usual and dry."""
 
 
 class CoverKind(Protocol):
@@ -66,8 +66,8 @@ class CoverKind(Protocol):
         """Steepest ground on which they are."""
 
 
-class Tufts(NamedTuple):
-    """Where tufts stand.
+class CoverPlaces(NamedTuple):
+    """Where grass or stones of one kind are.
 
     Attributes:
         xy_m: (N, 2) positions in ``map``.
@@ -78,15 +78,15 @@ class Tufts(NamedTuple):
     sizes_m: FloatArray
 
 
-def tuft_places(
+def cover_places(
     kind: CoverKind,
     layer: int,
     material: TerrainMaterial,
     ground: Ground,
     rng: np.random.Generator,
     water_m: float | None = None,
-) -> Tufts:
-    """Return where the tufts of a layer stand on a stage.
+) -> CoverPlaces:
+    """Return where grass or stones of a layer are on a stage.
 
     Args:
         kind: What they are.
@@ -94,7 +94,7 @@ def tuft_places(
         material: Of the ground.
         ground: The stage.
         rng: Draws them.
-        water_m: Level of the water, in which none stand.
+        water_m: Level of the water, in which there are none.
     """
     x0, y0, x1, y1 = material.extent_m
     mask = material.masks[layer]
@@ -105,9 +105,9 @@ def tuft_places(
     wanted *= np.clip(1 + kind.clumping * (2 * clumps - 1.5), 0, 1)
     total = np.cumsum(wanted, dtype=np.float64)
     number = kind.per_m2 * float(total[-1]) * float(texel_m.prod())
-    count = min(round(number), MAX_TUFTS)
+    count = min(round(number), MOST_PLACES)
     if not count:
-        return Tufts(np.zeros((0, 2)), np.zeros(0))
+        return CoverPlaces(np.zeros((0, 2)), np.zeros(0))
     chosen = np.searchsorted(total, rng.uniform(size=count) * total[-1], side="right")
     rows, columns = np.divmod(np.minimum(chosen, mask.size - 1), mask.shape[1])
     place = np.column_stack((columns, rows)) + rng.uniform(size=(count, 2))
@@ -118,13 +118,13 @@ def tuft_places(
     stands = slope_deg(ground, xy_m) <= kind.max_slope_deg
     if water_m is not None:
         stands &= ground.height_at(xy_m) > water_m + SHORE_M
-    return Tufts(xy_m[stands], sizes_m[stands])
+    return CoverPlaces(xy_m[stands], sizes_m[stands])
 
 
-def tuft_poses(
+def cover_poses(
     ground: Ground, xy_m: FloatArray, sizes_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Return (N, 4, 4) poses with scale of tufts of (N,) sizes at (N, 2) places on a ground."""
+    """Return (N, 4, 4) poses with scale of patches of (N,) sizes at (N, 2) places on a ground."""
     from scipy.spatial.transform import Rotation
 
     if not len(xy_m):

@@ -52,7 +52,6 @@ class Background:
         else:
             color = _sky_color(tree, sky, ray)
         disc = _disc_color(tree, sky, ray) if sky.sun_disc > 0 else None
-        open_sky = color if disc is None else tree.vector("ADD", color, disc)
 
         def with_color(color: Socket) -> Socket:
             """Return the background of a sky of this colour."""
@@ -63,7 +62,7 @@ class Background:
             return tree.add("Background", {"Color": color}).outputs[0]
 
         if not sky.shows_clouds:
-            surface = with_color(open_sky)
+            surface = with_color(color if disc is None else tree.vector("ADD", color, disc))
         else:
             lit = tree.vector("MULTIPLY", color, daylight_factors(sky))
             seen = tree.add("LightPath").outputs

@@ -18,7 +18,11 @@ from oaisys_core.procedural.scatter.loose_stones import (
     make_stone_patch,
     stone_colors,
 )
-from oaisys_core.procedural.scatter.placement.ground_cover import tones_at, tuft_places, tuft_poses
+from oaisys_core.procedural.scatter.placement.ground_cover import (
+    cover_places,
+    cover_poses,
+    tones_at,
+)
 from oaisys_core.procedural.scatter.plants.swards import SWARDS, Tuft, blade_color, make_tuft
 from oaisys_core.procedural.terrain.surroundings.far_ground import GroundAround
 from oaisys_core.procedural.terrain.water.beyond_stage import WaterBeyond
@@ -129,12 +133,12 @@ def _draw_cover(
     material, ground = covered.material, covered.stage
     layer = material.layers[cover.layer]
     places = randomness.child(rng, "places")
-    xy_m, sizes_m = tuft_places(cover.kind, cover.layer, material, ground, places, covered.water_m)
+    xy_m, sizes_m = cover_places(cover.kind, cover.layer, material, ground, places, covered.water_m)
     tone, factors = tones_at(material, xy_m)
     shapes = _make_shapes(layer, cover.kind, factors, randomness.child(rng, "forms"))
     form = randomness.child(rng, "shapes").integers(FORMS, size=len(xy_m))
     shape_of = np.asarray(tone * FORMS + form, np.int64)
-    poses = tuft_poses(ground, xy_m, sizes_m, randomness.child(rng, "turns"))
+    poses = cover_poses(ground, xy_m, sizes_m, randomness.child(rng, "turns"))
     ids = np.arange(first_id, first_id + len(poses), dtype=np.uint32)
     yield shapes, placements_by_shape(first, shape_of, layer.semantic_ids, poses, ids)
     if covered.land is None or not len(ids):
@@ -154,19 +158,12 @@ def _make_shapes(
     layer: TerrainLayer, kind: Tuft | StonePatch, factors: FloatArray, rng: np.random.Generator
 ) -> list[MeshPrototype]:
     """Return `FORMS` meshes for each of (T, 3) factors on the colour of the layer's texture."""
+    each = np.repeat(factors, FORMS, axis=0)
     if isinstance(kind, StonePatch):
-        colors = stone_colors(layer.maps)
-        return [
-            make_stone_patch(f"{layer.label}_stones", kind, colors * factor, rng)
-            for factor in factors
-            for _ in range(FORMS)
-        ]
-    color = blade_color(layer.maps)
-    return [
-        make_tuft(f"{layer.label}_grass", kind, color * factor, rng)
-        for factor in factors
-        for _ in range(FORMS)
-    ]
+        name, colors = f"{layer.label}_stones", stone_colors(layer.maps)
+        return [make_stone_patch(name, kind, colors * factor, rng) for factor in each]
+    name, color = f"{layer.label}_grass", blade_color(layer.maps)
+    return [make_tuft(name, kind, color * factor, rng) for factor in each]
 
 
 def _as_group(layer: TerrainLayer, kind: Tuft | StonePatch) -> GroupConfig:

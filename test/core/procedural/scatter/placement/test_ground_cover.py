@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import linear
 from oaisys_core.procedural.scatter.placement.ground_cover import (
-    MAX_TUFTS,
+    MOST_PLACES,
     TONES,
+    cover_places,
+    cover_poses,
     tones_at,
-    tuft_places,
-    tuft_poses,
 )
 from oaisys_core.procedural.scatter.plants.swards import (
     SWARDS,
@@ -59,14 +59,14 @@ def patch() -> Tuft:
 
 
 def test_tufts_stand_on_the_layer_alone() -> None:
-    found = tuft_places(patch(), 0, material(left_half()), ground(), np.random.default_rng(1))
+    found = cover_places(patch(), 0, material(left_half()), ground(), np.random.default_rng(1))
     assert len(found.xy_m) > 500
     assert found.xy_m[:, 0].max() <= 0.0
     assert found.xy_m.min() >= -EDGE_M / 2
 
 
 def test_tufts_are_fewer_and_smaller_at_the_edge_of_a_layer() -> None:
-    found = tuft_places(patch(), 0, material(left_half()), ground(), np.random.default_rng(2))
+    found = cover_places(patch(), 0, material(left_half()), ground(), np.random.default_rng(2))
     x = found.xy_m[:, 0]
     edge, middle = x > -0.2, (x < -4) & (x > -6)
     assert edge.sum() / 0.2 < 0.75 * middle.sum() / 2
@@ -76,34 +76,34 @@ def test_tufts_are_fewer_and_smaller_at_the_edge_of_a_layer() -> None:
 def test_a_layer_that_covers_all_has_as_many_tufts_as_it_says() -> None:
     whole = np.ones((200, 200), np.float32)
     tuft = patch()._replace(clumping=0.0)
-    found = tuft_places(tuft, 0, material(whole), ground(), np.random.default_rng(3))
+    found = cover_places(tuft, 0, material(whole), ground(), np.random.default_rng(3))
     assert len(found.xy_m) <= tuft.per_m2 * EDGE_M**2
     assert len(found.xy_m) > 0.6 * tuft.per_m2 * EDGE_M**2
 
 
 def test_large_stages_have_fewer_and_larger_tufts() -> None:
     whole, extent_m = np.ones((64, 64), np.float32), 400.0
-    found = tuft_places(
+    found = cover_places(
         patch(), 0, material(whole, extent_m), ground(extent_m), np.random.default_rng(4)
     )
-    small = tuft_places(patch(), 0, material(whole), ground(), np.random.default_rng(4))
-    assert len(found.xy_m) <= MAX_TUFTS
+    small = cover_places(patch(), 0, material(whole), ground(), np.random.default_rng(4))
+    assert len(found.xy_m) <= MOST_PLACES
     assert found.sizes_m.mean() > 1.3 * small.sizes_m.mean()
 
 
 def test_no_tufts_stand_in_water_or_on_walls() -> None:
     whole, rng = np.ones((64, 64), np.float32), np.random.default_rng(5)
-    found = tuft_places(patch(), 0, material(whole), ground(slope=0.1), rng, water_m=0.0)
+    found = cover_places(patch(), 0, material(whole), ground(slope=0.1), rng, water_m=0.0)
     assert len(found.xy_m) > 100
     assert found.xy_m[:, 0].min() > 0.0
-    assert not len(tuft_places(patch(), 0, material(whole), ground(slope=2.0), rng).xy_m)
+    assert not len(cover_places(patch(), 0, material(whole), ground(slope=2.0), rng).xy_m)
 
 
 def test_a_layer_without_ground_has_no_tufts() -> None:
     nothing = np.zeros((64, 64), np.float32)
-    found = tuft_places(patch(), 0, material(nothing), ground(), np.random.default_rng(6))
+    found = cover_places(patch(), 0, material(nothing), ground(), np.random.default_rng(6))
     assert found.xy_m.shape == (0, 2)
-    assert tuft_poses(ground(), found.xy_m, found.sizes_m, np.random.default_rng(6)).shape == (
+    assert cover_poses(ground(), found.xy_m, found.sizes_m, np.random.default_rng(6)).shape == (
         0,
         4,
         4,
@@ -113,7 +113,7 @@ def test_a_layer_without_ground_has_no_tufts() -> None:
 def test_tufts_stand_on_the_ground_along_its_normal() -> None:
     slope = 0.5
     xy_m = np.random.default_rng(7).uniform(-5, 5, (50, 2))
-    poses = tuft_poses(ground(slope=slope), xy_m, np.full(50, 0.6), np.random.default_rng(7))
+    poses = cover_poses(ground(slope=slope), xy_m, np.full(50, 0.6), np.random.default_rng(7))
     np.testing.assert_allclose(poses[:, 2, 3], slope * xy_m[:, 0], atol=0.01)
     up = poses[:, :3, 2] / 0.6
     expected = np.array((-slope, 0, 1)) / np.hypot(slope, 1)
