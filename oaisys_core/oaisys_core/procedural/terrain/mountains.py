@@ -23,6 +23,7 @@ from oaisys_core.procedural.terrain.noise import (
     warp,
 )
 from oaisys_core.procedural.terrain.processes.bedrock import LARGEST_BLOCK_M, break_rock
+from oaisys_core.procedural.terrain.processes.mantle import lay_mantle
 from oaisys_core.types import FloatArray
 
 ERODED_PX = 257
@@ -30,6 +31,9 @@ ERODED_PX = 257
 
 BLOCK = 0.17
 """Spacing of joints in the height of a mountain."""
+
+MANTLE, MANTLE_DEG = (0.03, 0.015, 0.007), 35.0
+"""Lengths in the height of a mountain by which soil and debris are smooth, and their repose."""
 
 
 def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -129,9 +133,11 @@ def _finish(
 def _with_joints(
     spec: GroundSpec, large_m: Elevation, height_m: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return a mountain whose steep rock is broken into blocks."""
+    """Return a mountain whose steep rock is broken into blocks, with soil on gentle slopes."""
     block_m = min(BLOCK * height_m, LARGEST_BLOCK_M)
-    return break_rock(large_m.astype(np.float64), spec.spacing_m, block_m, rng)
+    rock_m = break_rock(large_m.astype(np.float64), spec.spacing_m, block_m, rng)
+    lengths_m = [share * height_m for share in MANTLE]
+    return lay_mantle(rock_m, spec.spacing_m, lengths_m, MANTLE_DEG)
 
 
 def _softly_above(height_m: FloatArray, floor_m: float, soft_m: float) -> FloatArray:

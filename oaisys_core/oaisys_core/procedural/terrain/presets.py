@@ -19,6 +19,7 @@ from oaisys_core.procedural.terrain.landform import (
 )
 from oaisys_core.procedural.terrain.landscapes.alpine import alpine
 from oaisys_core.procedural.terrain.landscapes.badlands import badlands
+from oaisys_core.procedural.terrain.landscapes.canyon import canyon
 from oaisys_core.procedural.terrain.landscapes.crater_field import crater_field
 from oaisys_core.procedural.terrain.landscapes.kept import make_once
 from oaisys_core.procedural.terrain.landscapes.river_bed import river_bed
@@ -31,7 +32,7 @@ from oaisys_core.procedural.terrain.mountains import (
     mountain_2,
 )
 from oaisys_core.procedural.terrain.noise import fractal, grid, warp
-from oaisys_core.procedural.terrain.sculpted import canyon, craters, dunes, mesa
+from oaisys_core.procedural.terrain.sculpted import craters, dunes, mesa
 from oaisys_core.scene import HeightField
 
 
@@ -105,6 +106,7 @@ LEAST_RELIEF = 1e-6
 SHAPED: dict[str, Preset] = {
     "alpine": alpine,
     "badlands": badlands,
+    "canyon": canyon,
     "crater_field": crater_field,
     "river_bed": river_bed,
     "slab_dunes": slab_dunes,
@@ -113,7 +115,6 @@ SHAPED: dict[str, Preset] = {
 """Presets made by processes, which take seconds and are kept on disk."""
 
 ROCKY: dict[str, Preset] = {
-    "canyon": canyon,
     "large_terrain": large_terrain,
     "mesa": mesa,
     "mountain_1": mountain_1,

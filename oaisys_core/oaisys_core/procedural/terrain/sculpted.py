@@ -1,4 +1,4 @@
-"""Landforms shaped by wind, water and impacts: dunes, mesas, canyons, cratered plains."""
+"""Landforms shaped by wind, water and impacts: dunes, mesas, cratered plains."""
 
 from __future__ import annotations
 
@@ -101,25 +101,6 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
-def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
-    """A winding canyon in a plateau: walls in layers, cliffs above slopes, side valleys."""
-    depth_m = relief_or(spec, 0.22 * spec.extent_m)
-    p, q = _rotate_grid(spec.extent_m, spec.resolution_px, rng)
-    u, v = p / spec.extent_m, q / spec.extent_m
-    bends = 0.20 * fractal(1.7 * u, np.full_like(u, 0.37), rng, octaves=2)
-    bends += 0.06 * fractal(4 * u, 4 * v, rng, octaves=2)
-    off_axis = np.abs(v + bends) / 0.33
-    side = fractal(*warp(2.6 * u, 2.6 * v, rng, 0.3, 2), rng, octaves=2, kind="ridged", gain=0.3)
-    flutes = fractal(16 * u, 16 * v, rng, octaves=3)
-    upward = off_axis - 0.34 * side**2 * np.clip(off_axis, 0, 1) + 0.016 * flutes
-    outline = np.interp(upward, *_strata(rng))
-    rolling = 0.03 * fractal(5 * u, 5 * v, rng, octaves=3)
-    large_m = (np.float32(depth_m) * _round(outline + rolling)).astype(np.float64)
-    spacing_m = spec.spacing_m
-    large_m = lay_talus(large_m, spacing_m, 0.2 * depth_m, rng)
-    return subtract_median(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
-
-
 def _round(outline: FloatArray) -> NDArray[np.float32]:
     """Return an outline whose cliffs are a few cells wide.
 
@@ -129,20 +110,6 @@ def _round(outline: FloatArray) -> NDArray[np.float32]:
     # SciPy's filter has the same bits in all versions; OpenCV's has not.
     rounded = scipy.ndimage.gaussian_filter(outline.astype(np.float64), CLIFF_CELLS, mode="mirror")
     return np.asarray(rounded, np.float32)
-
-
-def _strata(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return the profile of a canyon wall: distances from the axis and heights, both 0 to 1.
-
-    Hard layers form cliffs, soft ones slopes between them; the floor is level.
-    """
-    layers = 5
-    thickness = rng.uniform(0.6, 1.4, 2 * layers)
-    run = np.where(np.arange(2 * layers) % 2 == 0, rng.uniform(0.9, 1.5, 2 * layers), 0.10)
-    floor, rim = 0.16, 0.85
-    at = floor + (rim - floor) * np.cumsum(run) / run.sum()
-    up = 0.04 + 0.96 * np.cumsum(thickness) / thickness.sum()
-    return np.array([0.0, floor, *at, 2.0]), np.array([0.0, 0.03, *up, 1.03])
 
 
 def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:

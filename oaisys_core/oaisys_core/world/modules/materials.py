@@ -109,7 +109,7 @@ class MaterialsModule(Module):
             label_cell_m=config.label_cell_m if config.label_borders == "soft" else None,
             variation=_variation(config),
             projects_sides=_projects_sides(config, ground),
-            tone=_tone(config, masks, green, ground, rng),
+            tone=_tone(config, masks, green, snowy, ground, rng),
             macro=_macro_variation(config, rng),
             wet_bank_m=None
             if world.water is None
@@ -157,6 +157,7 @@ def _tone(
     config: MaterialsConfig,
     masks: NDArray[np.float32],
     green: Sequence[bool],
+    snowy: Sequence[bool],
     ground: Ground,
     rng: np.random.Generator,
 ) -> StageTone | None:
@@ -165,7 +166,7 @@ def _tone(
         return None
     strength = Variation(**variation.model_dump())
     seed = int(randomness.child(rng, "tone").integers(2**63))
-    return StageTone(ground, masks, tuple(green), strength, seed)
+    return StageTone(ground, masks, tuple(green), tuple(snowy), strength, seed)
 
 
 def _macro_variation(config: MaterialsConfig, rng: np.random.Generator) -> MacroVariation | None:

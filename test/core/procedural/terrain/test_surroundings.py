@@ -187,7 +187,8 @@ def test_walls_that_a_stage_cuts_fade_on_the_plain(preset: str) -> None:
     slope_deg = np.degrees(np.arctan(steep.max(axis=1)))
 
     assert slope_deg[1] > 25, "the edge cuts walls"
-    assert slope_deg[reach > 1.35].max() < 16
+    # In the relief over the stage's edge: walls of a canyon are twice as high as those of a mesa.
+    assert steep[reach > 1.35].max() < 1.6 * np.ptp(ground.elevation_m) / 64
     assert slope_deg[reach > 1.8].max() < 3
     at_edge = rings_m[1]
     assert plain.level_m is not None

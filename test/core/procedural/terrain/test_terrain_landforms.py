@@ -18,7 +18,15 @@ from oaisys_core.types import FloatArray
 
 ROUGH = sorted(PRESETS.keys() - {"plane"})
 
-SLOW = {"alpine", "badlands", "large_terrain", "river_bed", "slab_dunes", "volcanic_field"}
+SLOW = {
+    "alpine",
+    "badlands",
+    "canyon",
+    "large_terrain",
+    "river_bed",
+    "slab_dunes",
+    "volcanic_field",
+}
 """Presets that take seconds to make."""
 SEEN = {"canyon", "craters", "dunes", "mounds", "mountain_1"}
 """Presets whose two resolutions are compared in test-full."""

@@ -19,9 +19,10 @@ from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, u
 from oaisys_core.procedural.terrain.processes.exact import tangent
 from oaisys_core.procedural.terrain.processes.flow import edge_cells, route
 from oaisys_core.procedural.terrain.processes.ice import moraine, troughs_around
+from oaisys_core.procedural.terrain.processes.mantle import lay_mantle
 from oaisys_core.types import FloatArray
 
-PLAN = ((80, 1.2), (24, 0.08), (12, 0.015), (5, 0.004))
+PLAN = ((80, 1.2), (24, 0.17), (12, 0.045), (5, 0.01))
 """Steps and age on each grid, from the coarsest on."""
 
 ICE_PX = 193
@@ -33,6 +34,10 @@ ROCK_DEG = 52.0
 JOINTS = (0.3, 0.29, 0.1, 0.09)
 """Spacing of joints in the height of the mountains: large ones part buttresses, small ones blocks,
 and each size has joints of two directions."""
+
+MANTLE, LEDGES, MANTLE_DEG = (0.018, 0.011), (0.005,), 41.0
+"""Lengths in the height of the mountains by which debris is smooth, and soil on ledges; and the
+angle of repose of both."""
 
 
 def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -51,6 +56,9 @@ def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         z = np.where(outlets, 0.0, z)
         if size_px == ICE_PX:
             z = _glaciate(z, spacing_m, height_m, rng)
+        if size_px > ICE_PX:
+            # Before the last water, which cuts gullies into it.
+            z = lay_mantle(z, spacing_m, [share * height_m for share in MANTLE], MANTLE_DEG)
         rises = 1.0 if size_px < ICE_PX else 0.0
         erosion = Erosion(
             age=age,
@@ -63,7 +71,9 @@ def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         if size_px > COARSEST_PX:
             z = _shed(z, spacing_m, height_m, domain.at_size(crags, size_px), rng)
     rock_m = _break_walls(domain.cut(z, spec), spec, height_m, rng)
-    return subtract_median(rock_m + spec.roughness * 0.3 * unevenness(spec, rng))
+    lengths_m = [share * height_m for share in LEDGES]
+    covered_m = lay_mantle(rock_m, spec.spacing_m, lengths_m, MANTLE_DEG)
+    return subtract_median(covered_m + spec.roughness * 0.3 * unevenness(spec, rng))
 
 
 def _break_walls(

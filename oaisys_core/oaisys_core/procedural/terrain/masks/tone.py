@@ -29,8 +29,8 @@ DAMP, PALE, WASHED, MOTTLED = -0.9, 0.3, 0.5, 0.3
 """Changes of the brightness, in units of half its range: from the driest place to the wettest, for
 a standard deviation of exposure, and for one of the streaks of water and of mottles."""
 
-OF_PLANTS = 0.6
-"""The same changes on plants, relative to those on bare ground."""
+OF_PLANTS, OF_SNOW = 0.6, 0.15
+"""The same changes on plants and on snow, relative to those on bare ground: snow is clean."""
 
 FORMS_M = 9.0
 """Size of the forms that are paler where they stand out."""
@@ -72,7 +72,7 @@ class StageTone:
     Attributes:
         ground: The stage's.
         masks: (L, M, M) weights of the layers.
-        green: Whether each layer is of plants.
+        green, snowy: Whether each layer is of plants, and of snow.
         strength: How strong the tone is; its size does not matter.
         seed: Of mottles, streaks and clumps.
     """
@@ -80,6 +80,7 @@ class StageTone:
     ground: Ground
     masks: NDArray[np.float32]
     green: tuple[bool, ...]
+    snowy: tuple[bool, ...]
     strength: Variation
     seed: int
 
@@ -98,8 +99,8 @@ class StageTone:
         mottles = band(size, extent_m / longest_m, extent_m / shortest_m, rng)
         change = np.float32(DAMP) * (wet - np.float32(0.5)) + np.float32(MOTTLED) * mottles
         change += _of_forms(relief_of(ground, RELIEF_PX), size, extent_m, rng)
-        plants = _resize(np.asarray(self.masks[np.array(self.green)].sum(axis=0), np.float32), size)
-        change *= 1 - np.float32(1 - OF_PLANTS) * plants
+        plants, snow = (self._weight(of, size) for of in (self.green, self.snowy))
+        change *= 1 - np.float32(1 - OF_PLANTS) * plants - np.float32(1 - OF_SNOW) * snow
         ranges = strength.brightness + strength.tint * np.array((1, 0, -1))
         factor = np.asarray(1 + change[..., None] * (ranges / 2), np.float32)
         if any(self.green):
@@ -109,6 +110,10 @@ class StageTone:
         factor = 1 + (factor / factor.mean() - 1) * _inside(size)[..., None]
         share = (np.clip(factor, MIN_TONE, MAX_TONE) - MIN_TONE) * (255 / (MAX_TONE - MIN_TONE))
         return np.asarray(np.rint(share), np.uint8)
+
+    def _weight(self, of: tuple[bool, ...], size: int) -> Field:
+        """Return the (size, size) weight of some layers."""
+        return _resize(np.asarray(self.masks[np.array(of)].sum(axis=0), np.float32), size)
 
 
 def _of_forms(relief: Relief, size: int, extent_m: float, rng: np.random.Generator) -> Field:

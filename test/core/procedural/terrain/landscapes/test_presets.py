@@ -13,7 +13,7 @@ from tools.gallery.geomorphometry import concavity, crater_exponents, measure
 DIGESTS = {
     "alpine": "e4ccd8f9693a0e55",
     "badlands": "d30d5b46b6b8f9ab",
-    "canyon": "f3c318e4db2f33bf",
+    "canyon": "73d2c161e7efd7f6",
     "crater_field": "e80f6146d4707292",
     "mesa": "73b7be811b11c0ed",
     "mountain_1": "baee871f58b884d5",

@@ -19,10 +19,14 @@ def valley() -> HeightField:
 
 
 def factors(
-    green: bool = False, brightness: float = 0.35, tint: float = 0.0, seed: int = 0
+    green: bool = False,
+    snowy: bool = False,
+    brightness: float = 0.35,
+    tint: float = 0.0,
+    seed: int = 0,
 ) -> NDArray[np.float64]:
     masks = np.ones((1, SIZE, SIZE), np.float32)
-    made = StageTone(valley(), masks, (green,), Variation(brightness, tint), seed).pixels
+    made = StageTone(valley(), masks, (green,), (snowy,), Variation(brightness, tint), seed).pixels
     assert made.dtype == np.uint8
     return MIN_TONE + made * ((MAX_TONE - MIN_TONE) / 255)
 
@@ -56,6 +60,11 @@ def test_plants_are_yellow_where_it_is_dry_and_have_dark_clumps() -> None:
     clumping = found[20:-20, 60:68, 1]
     dark, dark_bare = ((each < 0.75 * np.median(each)).mean() for each in (clumping, bare))
     assert dark > 0.03 > 2 * dark_bare
+
+
+def test_snow_is_clean() -> None:
+    """Its tone was that of earth: stains as of dirt."""
+    assert factors(snowy=True).std() < 0.2 * factors().std()
 
 
 def test_it_is_drawn_from_the_generator_alone() -> None:
