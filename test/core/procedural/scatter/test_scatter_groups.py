@@ -96,6 +96,28 @@ def test_a_full_poisson_disk_sampling_leaves_no_large_gap(shapes: list[MeshProto
     assert 0.85 * jammed < len(T) < 1.02 * jammed
 
 
+@pytest.mark.parametrize(
+    ("keys", "least", "most"),
+    [
+        ({"shape": "sedge"}, 2.0, 30.0),
+        ({"shape": "sedge", "spacing_m": 0.05}, 0.5, 1.3),
+        ({"shape": "pebble"}, 0.5, 1.3),
+        ({"shape": "meadow"}, 0.5, 1.3),
+    ],
+)
+def test_plants_stand_in_clumps_unless_they_keep_a_distance(
+    keys: dict[str, object], least: float, most: float, shapes: list[MeshPrototype]
+) -> None:
+    """Variance over mean of the counts in squares is 1 if things are strewn (Clapham, 1936)."""
+    config = group(size_m=0.2, count=(3000, 3000), spacing=0.0, **keys)
+    T, _ = scatter_group(config, 3000, shapes, inclined(0.0), np.random.default_rng(3))
+    assert len(T) == 3000
+    square = np.floor(T[:, :2, 3] / 1.5).astype(int) + 13
+    inside = square[((square >= 0) & (square < 26)).all(axis=1)]
+    counts = np.bincount(26 * inside[:, 0] + inside[:, 1], minlength=26**2)
+    assert least < counts.var() / counts.mean() < most
+
+
 def test_who_comes_first_stays() -> None:
     rng = np.random.default_rng(6)
     xy, sizes_m = rng.uniform(0, 10, (500, 2)), rng.uniform(0.2, 1.0, 500)

@@ -24,6 +24,7 @@ from oaisys_core.files.image_formats.image_use import DENSITY
 from oaisys_core.files.image_formats.images import read_pixels
 from oaisys_core.procedural.scatter.placement.random_poses import slope_deg
 from oaisys_core.procedural.terrain.noise import Field, spectral
+from oaisys_core.procedural.terrain.noise import band as noise_band
 from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import Ground
 from oaisys_core.scene.terrain_material import TerrainMaterial
@@ -34,6 +35,15 @@ Density = Callable[[FloatArray], FloatArray]
 
 NOISE_ROUGH = 1.8
 """Exponent by which noise amplitudes fall with frequency; lower gives more ragged patches."""
+
+CLUMP_SIZES = 2.0, 24.0
+"""Shortest and longest waves of the noise by which plants clump, in units of their size."""
+
+CLUMPED, DENSEST = 1.4, 2.0
+"""Standard deviation of the logarithm of the density of clumps, and where it ends, in the same."""
+
+CLUMPS_PX = 64, 1024
+"""Least and largest size of the map of clumps."""
 
 RELIEF_POINTS = 257
 """Points along an edge of the ground at which its height range is sampled."""
@@ -95,6 +105,29 @@ def _density(
     if isinstance(config, LayerDensity):
         return _layer(config.labels, material)
     return partial(bilinear, _image(config), ground)
+
+
+def clumped(density: Density, size_m: float, ground: Ground, rng: np.random.Generator) -> Density:
+    """Return a density of plants that stand in clumps, with some alone between them.
+
+    Seeds fall near their plants and shoots grow beside them, so that the logarithm of the density
+    is normally distributed (Moller, Syversveen and Waagepetersen, "Log Gaussian Cox processes",
+    Scand. J. Statist. 25, 1998).
+
+    Args:
+        density: How many there are on average.
+        size_m: Their size.
+        ground: What they stand on.
+        rng: Draws the clumps.
+    """
+    x0, y0, x1, y1 = ground.extent_m
+    extent_m = max(x1 - x0, y1 - y0)
+    longest, shortest = (max(extent_m / (each * size_m), 1.0) for each in reversed(CLUMP_SIZES))
+    least_px, most_px = CLUMPS_PX
+    size_px = int(np.clip(2 ** np.ceil(np.log2(4 * shortest)), least_px, most_px))
+    noise = noise_band(size_px, longest, max(shortest, 2 * longest), rng)
+    share = np.exp(CLUMPED * (np.minimum(noise, DENSEST) - DENSEST))
+    return lambda xy: density(xy) * bilinear(share, ground, xy)
 
 
 def band(values: FloatArray, low: float, high: float, fade: float) -> FloatArray:
