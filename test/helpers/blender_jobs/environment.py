@@ -9,6 +9,7 @@ from unittest import mock
 
 import bpy
 import numpy as np
+from coarse_clouds import coarse_clouds
 from numpy.typing import NDArray
 from synthetic_worlds import settings
 
@@ -30,13 +31,14 @@ def linear_views(
 ) -> list[NDArray[np.float64]]:
     """Linear colours, 0 to 1, of a world under several skies, camera by camera for each sky.
 
-    Taken through the middle of the pixels, without a view transform.
+    Taken through the middle of the pixels, without a view transform; clouds are `coarse_clouds`.
     """
     backend = BlenderBackend()
-    backend.build(replace(scene, sky=skies[0]), ignore)
     wanted = replace(settings(samples, exposure_ev=-BASE_EXPOSURE_EV), view_transform="raw")
     seen = []
-    with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
+    through_middle = mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX)
+    with through_middle, coarse_clouds():
+        backend.build(replace(scene, sky=skies[0]), ignore)
         for sky in skies:
             far_ground = scene.far_ground if sky.shows_plain else None
             backend.update(replace(scene, sky=sky, far_ground=far_ground))

@@ -7,6 +7,7 @@ from math import exp, pi, sin
 import cv2
 import numpy as np
 import pytest
+from coarse_clouds import coarse_clouds
 from numpy.typing import NDArray
 from synthetic_worlds import SUNNY
 
@@ -31,15 +32,10 @@ WHITE = 0.75
 
 
 @pytest.fixture
-def small_dome(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def small_dome() -> Iterator[None]:
     """A dome with a sixteenth of the pixels."""
-    for name, value in (("ROWS", 128), ("COLUMNS", 512)):
-        monkeypatch.setattr(dome, name, value)
-    for cached in (dome.cloud_dome, dome.cloud_image):
-        cached.cache_clear()
-    yield
-    for cached in (dome.cloud_dome, dome.cloud_image):
-        cached.cache_clear()
+    with coarse_clouds():
+        yield
 
 
 def extinctions_per_m(field: CloudField, points: int) -> FloatArray:
@@ -243,6 +239,7 @@ def test_shadows_are_shifted_by_height_and_end_above_the_clouds() -> None:
     np.testing.assert_array_equal(shadows.at(undersides_m + np.array((0, 0, 1))), 1)
 
 
+@pytest.mark.usefixtures("small_dome")
 def test_no_shadows_without_a_sun_that_shines_through_clouds() -> None:
     sky = replace(SUNNY, clouds=FAIR)
     assert cloud_shadows(sky) is not None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import pi, radians
 
 import numpy as np
 import pytest
+from coarse_clouds import coarse_clouds
 from numpy.typing import NDArray
 
 from oaisys_core.procedural.environment.clouds.daylight import (
@@ -20,6 +22,13 @@ from oaisys_core.procedural.environment.light import sky_irradiance_w_m2, sun_co
 from oaisys_core.scene.sky import Clouds, Sky
 
 FAIR = Clouds(cover=0.35, base_m=1200.0, size_m=1500.0, thickness_m=900.0, seed=3)
+
+
+@pytest.fixture(autouse=True)
+def small_dome() -> Iterator[None]:
+    """Clouds in a sixteenth of the directions: each test sums them up, or compares two sums."""
+    with coarse_clouds():
+        yield
 
 
 def sky(cover: float, elevation_deg: float = 30.0) -> Sky:

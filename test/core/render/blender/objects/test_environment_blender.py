@@ -1,11 +1,13 @@
 """Sky images, haze and the sun as Blender shows them."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from blender_process import in_blender
+from coarse_clouds import coarse_clouds
 from numpy.typing import NDArray
 from synthetic_worlds import SUNNY, camera, flat_world
 
@@ -33,6 +35,13 @@ COLORS = np.array(
 """By label: those of sky images whose pixels are coloured as they are labelled."""
 
 ROWS = 16
+
+
+@pytest.fixture
+def small_dome() -> Iterator[None]:
+    """Clouds in a sixteenth of the directions, as `linear_views` has them."""
+    with coarse_clouds():
+        yield
 
 
 def labelled_image() -> SkyImage:
@@ -106,6 +115,7 @@ def test_haze_dims_and_veils_by_distance() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("small_dome")
 def test_clouds_are_those_of_the_dome_and_leave_the_light() -> None:
     clear = replace(SUNNY, has_plain=True, model="plain")
     fair = Clouds(0.4, 1000.0, 1500.0, 600.0, seed=4, shadows=False)
@@ -123,6 +133,7 @@ def test_clouds_are_those_of_the_dome_and_leave_the_light() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("small_dome")
 def test_below_a_closed_layer_the_ground_has_its_light_alone() -> None:
     closed = Clouds(1.0, 1000.0, 1500.0, 900.0, seed=4)
     cloudy = replace(SUNNY, model="plain", clouds=closed)
@@ -138,6 +149,7 @@ def test_below_a_closed_layer_the_ground_has_its_light_alone() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("small_dome")
 def test_clouds_cast_the_shadows_that_drafts_have() -> None:
     """Of a sun as by day, and of one so low that its shadows would begin far away."""
     low = Clouds(0.4, 60.0, 30.0, 1500.0, seed=4)
