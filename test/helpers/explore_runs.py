@@ -14,6 +14,9 @@ materials: {texture_size_px: 64, mask: {size_px: 128}}
 assets: {rocks: [{count: [20, 20], size_m: [0.3, 1.0]}]}
 """
 
+COARSE = ("--voxel-size", "0.3", "--quality", "geometry")
+"""For runs whose map and colours are not looked at."""
+
 
 def run(
     out: Path, world: Path, domain_id: int, *more: str, variables: dict[str, str] | None = None

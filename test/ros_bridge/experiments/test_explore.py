@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explore_runs import WORLD, run
+from explore_runs import COARSE, WORLD, run
 from fragile_stage import FRAGILE_SEEDS, install_fragile_stage
 from std_msgs.msg import Header
 
@@ -244,7 +244,7 @@ def test_worlds_that_cannot_be_built_cost_their_explorations_alone(tmp_path, ros
     world = tmp_path / "world.yaml"
     world.write_text(WORLD.replace("mountain_1", "fragile"), encoding="utf-8")
     limits = ("--views", "2", "--baseline-views", "2", "--camera-range", "12", "--no-bag")
-    options = ("--planner", "random,grid", "--seeds", FRAGILE_SEEDS, "--size", "64x48", *limits)
+    options = ("--planner", "random,grid", "--seeds", FRAGILE_SEEDS, "--size", "64x48", *limits, *COARSE)
     variables = install_fragile_stage(tmp_path / "packages")
     result = run(tmp_path / "out", world, ros_domain_id, *options, variables=variables)
     assert result.returncode == 1, result.stderr

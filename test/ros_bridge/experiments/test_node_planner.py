@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explore_runs import WORLD, run
+from explore_runs import COARSE, WORLD, run
 from foreign_planners import install_planners
 
 from oaisys_core.errors import InvalidInputError
@@ -36,7 +36,7 @@ def test_a_ros_node_explores_beside_a_built_in_planner(world, tmp_path, ros_doma
     node = f"mav={sys.executable} {MAV_PLANNER} --ros-args {TOPICS} {KNOWS}"
     limits = ("--views", "7", "--baseline-views", "2", "--camera-range", "12", "--no-bag")
     planners = ("--planner", "mav,random", "--node", node)
-    result = run(out, world, ros_domain_id, *planners, *limits, "--size", "160x120")
+    result = run(out, world, ros_domain_id, *planners, *limits, *COARSE, "--size", "96x72")
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
     mav, drawn = figures["explorations"]
     assert [mav["planner"], drawn["planner"]] == ["mav", "random"]
@@ -60,7 +60,7 @@ def test_planners_that_fail_are_marked_and_the_others_go_on(world, tmp_path, ros
     planners = ("--planner", "bad,stuck,silent,random", "--plan-timeout", "1", *nodes)
     limits = ("--views", "2", "--baseline-views", "2", "--camera-range", "12")
     variables = install_planners(tmp_path / "packages")
-    options = (*planners, *limits, "--no-bag", "--size", "64x48")
+    options = (*planners, *limits, *COARSE, "--no-bag", "--size", "64x48")
     result = run(tmp_path / "out", world, ros_domain_id, *options, variables=variables)
     assert result.returncode == 1
     assert "Traceback" not in result.stderr

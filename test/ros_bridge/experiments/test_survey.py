@@ -104,7 +104,7 @@ def test_a_survey_closes_and_leaves_everything_behind(
     world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
     out = tmp_path / "out"
-    options = ("--backend", "analytic", "--views", "6", "--size", "240x180", "--altitude", "5.25")
+    options = ("--backend", "analytic", "--views", "6", "--size", "160x120", "--altitude", "3.5")
     result = survey(world, out, ros_domain_id, *options)
     assert result.returncode == 0, result.stderr
     assert "the map agrees with the true surface" in result.stderr
@@ -133,7 +133,7 @@ def _check_first_picture(out: Path, figures: dict[str, Any], printed: str) -> No
     """It was written and told before the second view, and timed like the report."""
     path = out / "first_picture.png"
     image = cv2.imread(str(path))
-    assert image.shape == (180, 240, 3)
+    assert image.shape == (120, 160, 3)
     assert image.std() > 1
     told = f"first picture after {figures['seconds_to_first_picture']:.1f} s: {path}\n"
     assert told in printed

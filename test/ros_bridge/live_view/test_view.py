@@ -128,6 +128,7 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
     world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
     # More than are waited for: the view may join the graph after the first one is published.
     options = ("--config", str(world), "--views", "4", "--size", "64x48", "--no-bag", "--no-faults")
+    options += ("--voxel-size", "0.3")
     with watching(tmp_path, "--ros", "--views", "2") as (process, out):
         survey = subprocess.run(
             [*COMMAND, "survey", *options, "--out", str(tmp_path / "survey")],
