@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from typing import NamedTuple
 
+import pytest
 from repository import REPOSITORY
 
 PACKAGES = (
@@ -36,6 +38,13 @@ GIVEN = {
 }
 
 
+class Names(NamedTuple):
+    """Names with their places: of public functions, and of classes of modules."""
+
+    functions: list[tuple[str, str]]
+    classes: list[tuple[str, str]]
+
+
 def public_functions(node: ast.AST, where: str) -> Iterator[tuple[str, str]]:
     """Yield place and name of the public functions of modules and classes."""
     for child in ast.iter_child_nodes(node):
@@ -52,7 +61,7 @@ def is_participle(word: str) -> bool:
 
 
 def modules() -> Iterator[tuple[str, ast.Module]]:
-    """Yield path and syntax tree of the modules of product and tools."""
+    """Yield path and syntax tree of the modules of product and tools: one is kept at a time."""
     for package in PACKAGES:
         for file in sorted((REPOSITORY / package).rglob("*.py")):
             where = file.relative_to(REPOSITORY).as_posix()
@@ -60,21 +69,29 @@ def modules() -> Iterator[tuple[str, ast.Module]]:
                 yield where, ast.parse(file.read_text(encoding="utf-8"))
 
 
-def test_no_public_function_begins_with_a_participle() -> None:
+@pytest.fixture(scope="module")
+def names() -> Names:
+    """The names of all modules."""
+    found = Names([], [])
+    for where, tree in modules():
+        found.functions.extend(public_functions(tree, where))
+        classes = (node.name for node in tree.body if isinstance(node, ast.ClassDef))
+        found.classes.extend((where, name) for name in classes)
+    return found
+
+
+def test_no_public_function_begins_with_a_participle(names: Names) -> None:
     found = [
         f"{place} {name}"
-        for where, tree in modules()
-        for place, name in public_functions(tree, where)
+        for place, name in names.functions
         if name.islower() and is_participle(name.split("_")[0]) and name not in GIVEN
     ]
     assert not found, "imperatives for what acts, nouns for what is returned: " + "; ".join(found)
 
 
-def test_no_two_classes_share_a_name() -> None:
+def test_no_two_classes_share_a_name(names: Names) -> None:
     places: dict[str, list[str]] = defaultdict(list)
-    for where, tree in modules():
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef):
-                places[node.name].append(where)
+    for where, name in names.classes:
+        places[name].append(where)
     shared = {name: found for name, found in places.items() if len(found) > 1}
     assert not shared, shared
