@@ -18,6 +18,8 @@ from oaisys_core.world.modules.lidars import ConstantVelocity
 pytestmark = pytest.mark.blender
 
 SAMPLES = 64
+STILLS = 13
+"""Still cameras in an exposure."""
 FISHEYE = PinholeIntrinsics(64, 48, 40.0, 40.0, 31.5, 23.5, (), "equidistant")
 SHIFTED = replace(FISHEYE, cy_px=19.5)
 
@@ -86,10 +88,10 @@ def test_an_exposure_is_the_mean_of_what_still_cameras_see_during_it(readout_s: 
     blurred = moving(still(CENTRED), readout_s, exposure_s)
     row = 30
     middle_s = row * readout_s / 47
-    times_s = middle_s + exposure_s * ((np.arange(20) + 0.5) / 20 - 0.5)
+    times_s = middle_s + exposure_s * ((np.arange(STILLS) + 0.5) / STILLS - 0.5)
     seen, *stills = rendered(blurred, *at_times(blurred, times_s))
     rows = slice(row, row + 1) if readout_s else slice(None)
-    mean, middle = np.mean(stills, axis=0)[rows], stills[10][rows]
+    mean, middle = np.mean(stills, axis=0)[rows], stills[STILLS // 2][rows]
     error = np.abs(seen[rows] - mean).mean()
     assert error < 1.0
     assert error < 0.3 * np.abs(seen[rows] - middle).mean()
