@@ -27,7 +27,7 @@ from oaisys_dataset.shards import HEAD
 CONFIG = """
 seed: 3
 backend: analytic
-stage: {preset: mounds, extent_m: 30.0, resolution_px: 65}
+stage: {surroundings: plain, preset: mounds, extent_m: 30.0, resolution_px: 65}
 materials: {texture_size_px: 64, mask: {size_px: 64, relief: 0}}
 assets: {rocks: [{kind: angular, count: [2, 9], size_m: [0.3, 1.0]}]}
 sensors:
