@@ -12,6 +12,7 @@ import subprocess
 import sys
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,10 +28,10 @@ LONGER = {"03_planner.py"}
 """It says of each view that fails why it did; `test_planner_example.py` runs it."""
 TIMEOUT_S = 400.0
 
-SMALL_WORLD = {
+SMALL_WORLD: dict[str, Any] = {
     "seed": 4,
     "backend": "analytic",
-    "stage": {"extent_m": 30, "resolution_px": 301},
+    "stage": {"extent_m": 30, "resolution_px": 301, "surroundings": "plain"},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 128}},
     "assets": {"rocks": [{"count": [60, 60], "size_m": [0.3, 1.0]}]},
     "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
@@ -127,11 +128,13 @@ def test_own_world(
 
 
 def test_labels(
-    world: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    world = tmp_path / "world.yaml"
+    stage = {**SMALL_WORLD["stage"], "surroundings": "land"}
+    world.write_text(yaml.safe_dump({**SMALL_WORLD, "stage": stage}), encoding="utf-8")
     output = run_here(monkeypatch, capsys, "05_labels.py", tmp_path, str(world))
     shares = re.findall(r"(\w+): (\S+)%", output)
     assert {name for name, _ in shares} == {"gravel", "sand", "rock"}
