@@ -134,10 +134,15 @@ def test_a_stage_of_no_place_takes_no_plan(tmp_path: Path) -> None:
         read_pose_table(path)
 
 
-def test_a_plan_has_no_more_waypoints_than_other_files_have_poses(tmp_path: Path) -> None:
+def test_a_plan_has_no_more_waypoints_than_other_files_have_poses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert flight_plans.MAX_POSES == MAX_POSES
+    at_most = 1000
+    monkeypatch.setattr(flight_plans, "MAX_POSES", at_most)
     survey = {"type": "ComplexItem", "TransectStyleComplexItem": {"Items": [item(0, 0, 20, 3)] * 2}}
-    path = write(tmp_path / "a.plan", [item(0, 0, 20, 3)] * (MAX_POSES - 1) + [survey])
-    expected = f"poses: received '{MAX_POSES + 1} waypoints in .*, expected at most {MAX_POSES}"
+    path = write(tmp_path / "a.plan", [item(0, 0, 20, 3)] * (at_most - 1) + [survey])
+    expected = f"poses: received '{at_most + 1} waypoints in .*, expected at most {at_most}"
     with pytest.raises(InvalidInputError, match=expected):
         flight_plans.read_plan(path)
 

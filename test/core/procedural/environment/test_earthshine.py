@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
+from synthetic_worlds import SMALL_MATERIALS
 
 from oaisys_core.color import linear
 from oaisys_core.config import config_from_mapping
@@ -35,7 +36,7 @@ def moon(longitude_deg: float, **sun: Any) -> Simulation:
                     "body": "moon",
                     "surroundings": "plain",
                 },
-                "materials": {"reflectance": "lambert"},
+                "materials": {**SMALL_MATERIALS, "reflectance": "lambert"},
                 "assets": {"rocks": []},
                 "environment": {
                     "sky": {"model": "none"},
@@ -90,7 +91,9 @@ def test_there_is_none_without_the_option_on_the_far_side_or_on_other_bodies() -
     assert moon(180.0, earthshine=True).scene.lamps == ()
     config = {
         "backend": "analytic",
-        "stage": {"preset": "plane", "body": "mars"},
+        "stage": {"preset": "plane", "extent_m": 40.0, "resolution_px": 33, "body": "mars"},
+        "materials": SMALL_MATERIALS,
+        "assets": {"rocks": []},
         "environment": {
             "sun_from_time": {
                 "date_time": NEW_MOON,

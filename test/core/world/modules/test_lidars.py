@@ -27,7 +27,7 @@ def config(*lidars: dict[str, Any]) -> Any:
     return config_from_mapping(
         {
             "backend": "analytic",
-            "stage": {"preset": "plane", "extent_m": 60.0},
+            "stage": {"preset": "plane", "extent_m": 60.0, "resolution_px": 33},
             "materials": {"texture_size_px": 16, "mask": {"size_px": 16, "relief": 0}},
             "assets": {"rocks": []},
             "sensors": {"cameras": [CAMERA], "lidars": list(lidars)},

@@ -147,7 +147,7 @@ def test_what_does_not_fit_is_refused(stage: dict[str, Any]) -> None:
         simulation(stage)
 
 
-SMALL = {"preset": "mounds", "extent_m": 40.0, "resolution_px": 65}
+SMALL = {"preset": "mounds", "extent_m": 40.0, "resolution_px": 65, "surroundings": "plain"}
 
 
 def test_metadata_chooses_the_stage_of_a_batch() -> None:
