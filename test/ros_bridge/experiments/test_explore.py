@@ -244,9 +244,10 @@ def test_worlds_that_cannot_be_built_cost_their_explorations_alone(tmp_path, ros
     world = tmp_path / "world.yaml"
     world.write_text(WORLD.replace("mountain_1", "fragile"), encoding="utf-8")
     limits = ("--views", "2", "--baseline-views", "2", "--camera-range", "12", "--no-bag")
-    options = ("--planner", "random,grid", "--seeds", FRAGILE_SEEDS, "--size", "64x48", *limits, *COARSE)
+    options = ("--planner", "random,grid", "--seeds", FRAGILE_SEEDS, "--size", "64x48")
     variables = install_fragile_stage(tmp_path / "packages")
-    result = run(tmp_path / "out", world, ros_domain_id, *options, variables=variables)
+    more = (*options, *limits, *COARSE)
+    result = run(tmp_path / "out", world, ros_domain_id, *more, variables=variables)
     assert result.returncode == 1, result.stderr
     assert "Traceback" not in result.stderr
     figures = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))

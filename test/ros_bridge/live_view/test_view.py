@@ -127,8 +127,8 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
     world = tmp_path / "world.yaml"
     world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
     # More than are waited for: the view may join the graph after the first one is published.
-    options = ("--config", str(world), "--views", "4", "--size", "64x48", "--no-bag", "--no-faults")
-    options += ("--voxel-size", "0.3")
+    small = ("--size", "64x48", "--voxel-size", "0.3", "--no-bag", "--no-faults")
+    options = ("--config", str(world), "--views", "4", *small)
     with watching(tmp_path, "--ros", "--views", "2") as (process, out):
         survey = subprocess.run(
             [*COMMAND, "survey", *options, "--out", str(tmp_path / "survey")],
