@@ -7,7 +7,6 @@ from typing import Any
 
 # Comes before anything that loads Open3D.
 import bpy  # noqa: F401
-from coarse_clouds import coarse_clouds
 
 from oaisys_core.config import SimulationConfig, adjust, load_config
 from oaisys_core.simulation import Simulation
@@ -64,11 +63,6 @@ def small(config: SimulationConfig) -> SimulationConfig:
 
 
 def _rendered(config: SimulationConfig, samples: int) -> dict[str, Any]:
-    with coarse_clouds():
-        return _rendered_as_it_is(config, samples)
-
-
-def _rendered_as_it_is(config: SimulationConfig, samples: int) -> dict[str, Any]:
     simulation = Simulation(config)
     try:
         simulation.step_batch()
