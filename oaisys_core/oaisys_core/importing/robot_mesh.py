@@ -14,7 +14,7 @@ from oaisys_core.files.calibrations.robots import Robot, Shape, Visual
 from oaisys_core.files.calibrations.robots.resources import MeshResources
 from oaisys_core.files.references import allow_references
 from oaisys_core.procedural.meshes.files import R_Z_UP_FROM_Y_UP, load_mesh
-from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32, merge_parts
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray
 
@@ -112,7 +112,7 @@ def _place(mesh: LoadedMesh, T: FloatArray, scale: FloatArray) -> LoadedMesh:
     if np.prod(scale) < 0:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
         uv = None if uv is None else np.ascontiguousarray(uv[:, ::-1])
-    return as_float32(replace(mesh, vertices_m=vertices_m, triangles=triangles, uv=uv))
+    return replace(mesh, vertices_m=vertices_m, triangles=triangles, uv=uv)
 
 
 def _primitive(shape: Shape) -> LoadedMesh:

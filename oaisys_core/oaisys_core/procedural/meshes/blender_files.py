@@ -21,7 +21,7 @@ from oaisys_core.files.path_fields import is_confined
 from oaisys_core.files.references import folders_of, outside_error
 from oaisys_core.files.versions import Version, version_of
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
-from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32
+from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.meshes.mesh_arrays import mesh_from_arrays
 from oaisys_core.system.ending.interruption import stop_if_unwanted
 from oaisys_core.system.ending.leftovers import temporary_folder
@@ -103,7 +103,7 @@ def load_by_blender(path: Path, object_name: str | None, field: str) -> LoadedMe
         raise InvalidInputError(field, str(path), expected)
     check_mesh(found["vertices_m"], found["triangles"], path, field)
     check_uv([found.get("uv")], path, field)
-    return as_float32(mesh_from_arrays(object_name or path.stem, found))
+    return mesh_from_arrays(object_name or path.stem, found)
 
 
 def _read_blend(

@@ -15,8 +15,8 @@ from oaisys_core.types import FloatArray
 MAX_COORDINATE = 1e7
 """Largest coordinate in the file's units: float32 still resolves a metre, and areas are finite."""
 
-FAR = 8192.0
-"""Distance from the origin beyond which float32 does not resolve a thousandth."""
+FAR_M = 8192.0
+"""Distance from the origin beyond which float32 does not resolve a millimetre."""
 
 MAX_STEP_M = 0.001
 """Step of the numbers of a file beyond which a ground would lose its rows."""
@@ -111,16 +111,16 @@ def check_mesh(
         raise InvalidInputError(field, str(path), "at least one triangle with an area")
 
 
-def local_origin(vertices: NDArray[Any]) -> FloatArray:
+def local_origin(vertices: NDArray[Any], far: float = FAR_M) -> FloatArray:
     """Return whole numbers to subtract from (V, 3) vertices before they become float32.
 
-    0 on the axes on which the vertices lie around the origin, or within `FAR` of it.
+    0 on the axes on which the vertices lie around the origin, or within ``far`` of it.
 
     >>> local_origin(np.array([[500000.5, 0.0, 40.0], [500002.0, 9000.0, 41.0]]))
     array([500001.,      0.,      0.])
     """
     low, high = (np.asarray(edge, np.float64) for edge in (vertices.min(0), vertices.max(0)))
-    is_far = (np.maximum(np.abs(low), np.abs(high)) > FAR) & (low * high > 0)
+    is_far = (np.maximum(np.abs(low), np.abs(high)) > far) & (low * high > 0)
     return np.where(is_far, np.round((low + high) / 2), 0.0)
 
 

@@ -13,7 +13,7 @@ from oaisys_core.files.mesh_formats.mesh_headers import check_mesh_file
 from oaisys_core.procedural.meshes.blender_files import BLENDER_SUFFIXES, load_by_blender
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
 from oaisys_core.procedural.meshes.gltf_format.gltf import load_gltf
-from oaisys_core.procedural.meshes.loaded import LoadedMesh, as_float32, merge_parts
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
 from oaisys_core.procedural.meshes.obj_format.obj import load_obj
 from oaisys_core.procedural.meshes.trimesh_files import load_by_trimesh
 from oaisys_core.types import FloatArray
@@ -68,7 +68,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     mesh = merge_parts(object_name or path.stem, parts, field)
     if turned:
         mesh = replace(mesh, vertices_m=mesh.vertices_m @ R_Z_UP_FROM_Y_UP.T)
-    return as_float32(mesh)
+    return mesh
 
 
 def _check_name(path: Path, field: str) -> None:

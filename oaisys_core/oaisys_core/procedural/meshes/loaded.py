@@ -20,7 +20,7 @@ from oaisys_core.files.image_formats.image_headers import (
 )
 from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
 from oaisys_core.files.image_formats.images import decode_pixels
-from oaisys_core.procedural.meshes.checks import NOT_COARSE, Float32Step, local_origin
+from oaisys_core.procedural.meshes.checks import NOT_COARSE, Float32Step
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr
 
@@ -40,8 +40,8 @@ class LoadedMesh(ShortRepr):
 
     Attributes:
         name: Name of the object, or of the file.
-        vertices_m: (V, 3), z up, in the units of the file: float32, or float64 where float32 is
-            too coarse, far from the origin, see
+        vertices_m: (V, 3), z up, in the units of the file: float32, or float64 where the file has
+            digits or a pose. Whoever knows the scale takes a local origin before float32, see
             `oaisys_core.procedural.meshes.checks.local_origin`.
         triangles: (T, 3) int32.
         uv: (T, 3, 2) float32 texture coordinates of the corners, v up; None without an image.
@@ -139,13 +139,6 @@ def plain_material(part: LoadedMesh) -> MeshMaterial:
     if part.vertex_colors_srgb is None:
         return MeshMaterial(part.name, color_srgb=(0.5, 0.5, 0.5))
     return MeshMaterial(part.name)
-
-
-def as_float32(mesh: LoadedMesh) -> LoadedMesh:
-    """Return a mesh with float32 vertices, unless they are so far out that this loses precision."""
-    if local_origin(mesh.vertices_m).any():
-        return mesh
-    return replace(mesh, vertices_m=mesh.vertices_m.astype(np.float32))
 
 
 def decode_texture(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:

@@ -95,6 +95,18 @@ def test_digits_of_text_files_are_read_as_float64(tmp_path: Path, kind: str) -> 
     np.testing.assert_allclose(found.vertices_m, expected, rtol=0, atol=2e-9)
 
 
+def export_float64(mesh: trimesh.Trimesh, file: Path) -> Path:
+    """Write a binary .ply file of ``double``."""
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
+    lines += [f"property double {axis}" for axis in "xyz"]
+    lines += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
+    faces = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.faces
+    head = "\n".join([*lines, "end_header", ""]).encode()
+    file.write_bytes(head + mesh.vertices.astype("<f8").tobytes() + faces.tobytes())
+    return file
+
+
 def export_float32(mesh: trimesh.Trimesh, file: Path) -> None:
     """Write a binary .ply, .stl or .glb file, in which trimesh stores float32."""
     file.write_bytes(mesh.export(file_type=file.suffix[1:]))
@@ -173,10 +185,27 @@ def test_a_position_that_brings_it_back_is_exact(tmp_path: Path) -> None:
 def test_a_stage_near_the_origin_keeps_its_bytes(tmp_path: Path) -> None:
     file = exported(hilly(np.array([3000.0, -8.0, 0.0])), tmp_path)
     mesh = load_mesh(file)
-    assert mesh.vertices_m.dtype == np.float32
     ground = mesh_ground(mesh, 1.0, "z", (0.0, 0.0, 0.0))
     assert ground.local_origin_m == (0.0, 0.0, 0.0)
-    assert (ground.points_m == mesh.vertices_m).all()
+    assert (ground.points_m == mesh.vertices_m.astype(np.float32)).all()
+
+
+@pytest.mark.parametrize("scale", [1000.0, 2000.0, 1e5, 0.6])
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+def test_a_stage_in_kilometres_keeps_rows_and_heights(
+    tmp_path: Path, kind: str, scale: float
+) -> None:
+    """Its coordinates are small numbers, whose float32 are as coarse as those of metres."""
+    truth = hilly(UTM)
+    small = trimesh.Trimesh(truth.vertices / scale, truth.faces, process=False)
+    file = export_float64(small, tmp_path / "hills.ply")
+    if kind == "obj":
+        file = exported(small, tmp_path)
+    ground = mesh_ground(load_mesh(file), scale, "z", (0.0, 0.0, 0.0))
+    assert len(np.unique(ground.points_m[:, 1])) == 81
+    found_m = ground.points_m + np.asarray(ground.local_origin_m)
+    # The ten digits after the point of the text are hundredths of a millimetre at 1e5.
+    np.testing.assert_allclose(found_m, truth.vertices, rtol=0, atol=2e-5 + scale * 1e-10)
 
 
 def test_an_object_far_from_its_origin_keeps_its_form(
@@ -218,3 +247,34 @@ def test_an_object_in_millimetres_stays_where_its_file_has_it(tmp_path: Path) ->
     library = PrototypeLibrary("rock", 1.0, 64, 0)
     found = library.prototype(config.assets.objects[0], np.random.default_rng(0))
     assert (found.vertices_m == mesh.vertices.astype(np.float32)).all()
+
+
+@pytest.mark.parametrize(("anchor", "origin"), [("origin", (500, 5200, 0)), ("base", None)])
+def test_an_object_in_kilometres_keeps_its_form(
+    tmp_path: Path, anchor: str, origin: tuple[float, ...] | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    truth = hilly(UTM).vertices / 1000
+    file = export_float64(
+        trimesh.Trimesh(truth, hilly(UTM).faces, process=False), tmp_path / "a.ply"
+    )
+    entry = HILL | {"file": str(file), "anchor": anchor, "scale": 1000.0}
+    config = config_from_mapping({"assets": {"objects": [entry]}})
+    library = PrototypeLibrary("rock", 1.0, 64, 0)
+    with caplog.at_level(logging.WARNING):
+        found = library.prototype(config.assets.objects[0], np.random.default_rng(0))
+    assert ("the object is at [500, 5200, 0]" in caplog.text) == (origin is not None)
+    low, high = truth.min(axis=0), truth.max(axis=0)
+    place = (*((low + high) / 2)[:2], low[2]) if origin is None else origin
+    np.testing.assert_allclose(1000 * found.vertices_m, 1000 * (truth - place), rtol=0, atol=1e-4)
+
+
+def test_an_object_near_its_origin_stays_where_its_file_has_it(tmp_path: Path) -> None:
+    small = hilly(UTM * 0 + (3000.0, 0.0, 0.0)).vertices / 1000
+    file = export_float64(
+        trimesh.Trimesh(small, hilly(UTM).faces, process=False), tmp_path / "a.ply"
+    )
+    entry = HILL | {"file": str(file), "anchor": "origin", "scale": 1000.0}
+    config = config_from_mapping({"assets": {"objects": [entry]}})
+    library = PrototypeLibrary("rock", 1.0, 64, 0)
+    found = library.prototype(config.assets.objects[0], np.random.default_rng(0))
+    assert (found.vertices_m == small.astype(np.float32)).all()

@@ -17,7 +17,7 @@ from oaisys_core.config.sections.objects import (
     ShapedConfig,
 )
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.procedural.meshes.checks import check_float32_step, local_origin
+from oaisys_core.procedural.meshes.checks import FAR_M, check_float32_step, local_origin
 from oaisys_core.procedural.meshes.files import (
     R_Z_UP_FROM_Y_UP,
     Y_UP_SUFFIXES,
@@ -55,7 +55,7 @@ class PrototypeLibrary:
         self._rock_texture, self._tile_m = rock_texture, tile_m
         self._size_px, self._seed = size_px, seed
         self._maps: dict[tuple[str, float], PbrMaps] = {}
-        self._files: dict[tuple[Path, str | None, str | None, Anchor], MeshPrototype] = {}
+        self._files: dict[tuple[Path, str | None, str | None, Anchor, float], MeshPrototype] = {}
 
     def check(self, config: ShapedConfig, field: str) -> None:
         """Raise on shapes and textures that do not exist, and on files without a mesh.
@@ -130,14 +130,16 @@ class PrototypeLibrary:
         if path is None:
             raise InvalidInputError(field, path, "a file")
         anchor: Anchor = "origin"
+        least = 0.0  # where the file has the mesh does not count
         if isinstance(config, PlacedObjectConfig | MoverConfig):
             anchor = config.anchor
-        key = (path, config.object_name, config.up_axis, anchor)
+            least = FAR_M / config.scale if anchor == "origin" else 0.0
+        key = (path, config.object_name, config.up_axis, anchor, least)
         if key not in self._files:
             mesh = load_mesh(path, config.object_name, field)
             if path.suffix.lower() == ".obj" and config.up_axis is None:
                 LOG.info("%s: .obj files do not say which axis is up: z is taken (up_axis)", path)
-            vertices_m = _upright(_near_origin(mesh, path, anchor, field), path, config.up_axis)
+            vertices_m = _upright(_near_origin(mesh, path, least, field), path, config.up_axis)
             if anchor == "base":
                 vertices_m = (vertices_m - _base_of(vertices_m)).astype(np.float32)
             self._files[key] = MeshPrototype(
@@ -153,14 +155,21 @@ class PrototypeLibrary:
         return self._files[key]
 
 
-def _near_origin(mesh: LoadedMesh, path: Path, anchor: Anchor, field: str) -> NDArray[np.float32]:
-    """Return the vertices of a mesh, moved to the origin if they lie far from it."""
-    origin = local_origin(mesh.vertices_m)
+def _near_origin(mesh: LoadedMesh, path: Path, least: float, field: str) -> NDArray[np.float32]:
+    """Return the vertices of a mesh, moved to the origin if they lie far from it.
+
+    Args:
+        mesh: The mesh.
+        path: Its file.
+        least: Distance from the origin that is far, in the file's units; 0: only sizes count.
+        field: Name of the file's field in errors.
+    """
+    origin = local_origin(mesh.vertices_m, least)
     size = float(np.ptp(mesh.vertices_m, axis=0).max())
     origin = np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
     if origin.any():
         check_float32_step(mesh.float32, size * MAX_STEP_SHARE, path, field)
-    if origin.any() and anchor == "origin":
+    if origin.any() and least:
         LOG.warning(
             "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
             path,
