@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 from numpy.typing import NDArray
 
 from oaisys_core.errors import ConfigError, InvalidInputError, NotFoundError, one_of
+from oaisys_core.files.numbers import whole_of
 from oaisys_core.types import FloatArray, LidarScan, ShortRepr
 from oaisys_dataset.manifest import (
     DatasetInfo,
@@ -194,9 +195,9 @@ class Dataset(Sequence[DatasetSample]):
         Raises:
             NotFoundError: There is no such frame.
         """
-        world = frame_id.partition("_")[0]
-        if world.isdecimal() and int(world) in self.worlds:
-            for record in self.of_world(int(world)):
+        world = whole_of(frame_id.partition("_")[0])
+        if world is not None and world in self.worlds:
+            for record in self.of_world(world):
                 if record.frame_id == frame_id:
                     return record
         raise NotFoundError(f"frame {frame_id!r}: not in {self.place.url}")
@@ -269,10 +270,10 @@ class Dataset(Sequence[DatasetSample]):
 
     def scan_record(self, scan_id: str) -> ScanRecord | None:
         """Return the record of a lidar scan by its id; None if there is no such scan."""
-        world = scan_id.partition("_")[0]
-        if not world.isdecimal() or not self.scans.has_world(int(world)):
+        world = whole_of(scan_id.partition("_")[0])
+        if world is None or not self.scans.has_world(world):
             return None
-        scans = self.scans.of_world(int(world))
+        scans = self.scans.of_world(world)
         return next((scan for scan in scans if scan.scan_id == scan_id), None)
 
     def files(self, record: FrameRecord) -> dict[str, bytes]:

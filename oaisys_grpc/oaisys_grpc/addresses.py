@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.files.folders import user_path
+from oaisys_core.files.numbers import whole_of
 from oaisys_core.system.socket_paths import MAX_PATH_BYTES, fits
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
@@ -38,7 +39,8 @@ def check_address(address: str, *, insecure: bool, encrypted: bool) -> None:
             raise InvalidInputError("--address", address, expected)
         return
     host, port = host_and_port(address)
-    if not (port.isdecimal() and port.isascii() and int(port) <= LARGEST_PORT):
+    number = whole_of(port)
+    if number is None or number > LARGEST_PORT:
         raise InvalidInputError(
             "--address", address, f"HOST:PORT, with a port up to {LARGEST_PORT}, or unix:PATH"
         )

@@ -69,6 +69,7 @@ def test_a_split_has_the_scans_of_its_worlds(scanned: Dataset) -> None:
     assert val.scans[-1] == scanned.scan_record("000001_0002_rosette")
     assert ScanRecord.from_json(val.scans[0].to_json()) == val.scans[0]
     assert scanned.scan_record("000001_0001_front") is None
+    assert scanned.scan_record(f"{'9' * 5000}_0000_roof") is None
     with pytest.raises(NotFoundError):
         val.scans.of_world(0)
 

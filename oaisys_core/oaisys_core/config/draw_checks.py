@@ -23,6 +23,7 @@ from oaisys_core.config.draws import (
 )
 from oaisys_core.config.expectations import faults_of
 from oaisys_core.errors import InvalidInputError, quote
+from oaisys_core.files.numbers import whole_of
 
 
 class CheckedConfig(Protocol):
@@ -115,7 +116,8 @@ def error_at(place: Location, received: object, expected: str) -> ValidationErro
 
 def error_of(error: InvalidInputError) -> ValidationError:
     """Return an `InvalidInputError` whose field is a location as pydantic's error."""
-    parts = [int(part) if part.isdecimal() else part for part in error.field.split(".")]
+    names = error.field.split(".")
+    parts = [name if (row := whole_of(name)) is None else row for name in names]
     return error_at(tuple(parts), error.received, error.expected)
 
 

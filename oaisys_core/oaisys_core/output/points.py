@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.numbers import int_of
 from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.output.files import write_bytes
 from oaisys_core.types import LidarScan, point_dtype
@@ -79,7 +80,7 @@ def decode_points(file: bytes, name: str) -> NDArray[Any]:
         lines = dict(line.split(" ", 1) for line in head.decode().splitlines())
         usual = point_dtype().names or ()
         dtype = point_dtype([each for each in lines["FIELDS"].split() if each not in usual])
-        points = np.frombuffer(data, dtype, int(lines["POINTS"]))
-    except (KeyError, ValueError) as error:
+        points = np.frombuffer(data, dtype, int_of(lines["POINTS"]))
+    except (KeyError, ValueError, OverflowError) as error:
         raise InvalidInputError("points", name, f"a PCD file of a lidar ({error})") from error
     return points

@@ -11,6 +11,7 @@ import numpy as np
 from oaisys_core import extensions
 from oaisys_core.config import canonical_json, load_config
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.files.numbers import whole_of
 from oaisys_core.output.reader import read_sample
 from oaisys_core.output.records import read_json
 from oaisys_core.output.writer import CONFIG, SAMPLE_DATA
@@ -144,10 +145,10 @@ def choose_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> li
 
 
 def _parse(name: str) -> SampleId:
-    batch, slash, sample = name.partition("/")
-    if not (slash and batch.isdecimal() and sample.isdecimal()):
+    batch, sample = (whole_of(part) for part in (name.partition("/")[::2]))
+    if batch is None or sample is None:
         raise InvalidInputError("sample", name, "BATCH/SAMPLE, such as 1/3")
-    return int(batch), int(sample)
+    return batch, sample
 
 
 class Comparison(NamedTuple):

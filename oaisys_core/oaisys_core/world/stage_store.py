@@ -21,6 +21,7 @@ from pydantic import AfterValidator, ConfigDict, Strict
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import MAX_TEXT_BYTES, DocumentError, parse_plain_json
+from oaisys_core.files.numbers import whole_of
 from oaisys_core.output.record_types import Sha256, check_as
 from oaisys_core.procedural.terrain.ground_checks import check_grid, check_triangles
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
@@ -43,7 +44,7 @@ def _format(number: int) -> int:
 
 
 def _seed(digits: str) -> str:
-    if not (digits.isascii() and digits.isdecimal() and len(digits) < 20 and int(digits) < 2**63):
+    if whole_of(digits) is None:
         raise ValueError("expected a whole number from 0 to 2**63 - 1, as text")
     return digits
 

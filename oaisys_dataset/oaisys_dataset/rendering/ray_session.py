@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+from oaisys_core.files.numbers import whole_of
 from oaisys_core.system.own_streams import keep_messages
 from oaisys_dataset.private.ray_job_config import safe_path_config
 from oaisys_dataset.private.ray_messages import write_reports_like_a_library
@@ -127,11 +128,14 @@ def _check_reachable(address: str) -> None:
     Raises:
         InvalidInputError: Nothing does.
     """
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal():
+    host, _, digits = address.rpartition(":")
+    if not host or not digits.isdecimal():
         return  # another form, such as ``auto``
+    port = whole_of(digits)
+    if port is None:
+        raise InvalidInputError("address", address, CLUSTER)
     try:
-        socket.create_connection((host, int(port)), REACHED_S).close()
+        socket.create_connection((host, port), REACHED_S).close()
     except (OSError, OverflowError) as error:
         raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
 

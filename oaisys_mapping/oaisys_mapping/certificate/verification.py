@@ -235,10 +235,10 @@ def measure_again(
         voxel_size_m = float(figures["voxel_size_m"])
         max_range_m, seed = float(content["max_range_m"]), int(content["sampling_seed"])
         labels = {int(number): str(name) for number, name in content["labels"].items()}
-    except (KeyError, TypeError, ValueError) as error:
+        rng = np.random.default_rng(seed)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidInputError("FILE", str(error), "how the map was measured") from error
     views = views_from_json(_part(content, "views"), "FILE: views")
-    rng = np.random.default_rng(seed)
     extras = Extras(labels=labels, classes=classes)
     found = evaluate_reconstruction(mesh, truth, views, voxel_size_m, max_range_m, rng, extras)
     measured = found.metrics.to_dict()

@@ -70,7 +70,7 @@ def _view(item: Any, field: str) -> PosedCamera:
         K = np.asarray(item["K"], np.float64)
         T_map_camera = np.asarray(item["T_map_camera"], np.float64)
         size = (int(item["width_px"]), int(item["height_px"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         expected = "width_px, height_px, K and T_map_camera"
         raise InvalidInputError(field, item, expected) from error
     if K.shape != (3, 3) or T_map_camera.shape != (4, 4):

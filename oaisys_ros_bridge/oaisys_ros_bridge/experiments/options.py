@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.numbers import whole_of
 
 if TYPE_CHECKING:
     from oaisys_mapping.certificate.light_audit import LightAudit
     from oaisys_mapping.certificate.signature import PrivateKey
+
+MOST_WORLDS = 10_000
+"""Worlds of one survey or comparison."""
 
 OutOption = Annotated[
     Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
@@ -125,15 +129,10 @@ def seeds_of(text: str, first: int) -> tuple[int, ...]:
     Raises:
         InvalidInputError: It is neither.
     """
-    expected = "how many worlds, or their seeds with commas between them"
-    try:
-        numbers = [int(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        raise InvalidInputError("--seeds", text, expected) from None
-    if "," in text:
-        if not numbers or min(numbers) < 0:
-            raise InvalidInputError("--seeds", text, expected)
-        return tuple(dict.fromkeys(numbers))
-    if not numbers or numbers[0] < 1:
+    found = [whole_of(part.strip()) for part in text.split(",") if part.strip()]
+    numbers = [number for number in found if number is not None]
+    is_list = "," in text
+    if not numbers or None in found or not (is_list or 1 <= numbers[0] <= MOST_WORLDS):
+        expected = f"how many worlds, 1 to {MOST_WORLDS}, or their seeds with commas between them"
         raise InvalidInputError("--seeds", text, expected)
-    return tuple(range(first, first + numbers[0]))
+    return tuple(dict.fromkeys(numbers)) if is_list else tuple(range(first, first + numbers[0]))

@@ -13,7 +13,9 @@ from oaisys_core.config import (
     config_sha256,
     load_config,
 )
-from oaisys_core.errors import ConfigError
+from oaisys_core.config.draw_checks import error_of
+from oaisys_core.config.loading import with_lines
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import unproject
 from oaisys_core.procedural.terrain.presets import PRESETS
 from oaisys_core.types import FloatArray, PinholeIntrinsics
@@ -305,3 +307,12 @@ def test_ranges_of_things_take_single_numbers() -> None:
 def test_other_numbers_of_things_are_refused(key: str, value: Any, expected: str) -> None:
     with pytest.raises(ConfigError, match=rf"assets\.rocks\.0\.{key}: received .*{expected}"):
         config_from_mapping({"assets": {"rocks": [{key: value}]}})
+
+
+@pytest.mark.parametrize("key", ["9" * 5000, "\u00b2"])
+def test_digits_that_are_no_index_are_a_key(tmp_path: Path, key: str) -> None:
+    file = tmp_path / "config.yaml"
+    file.write_text("seed: 1\n")
+    assert with_lines(file, [f"seed.{key}: wrong"]) == [f"{file}:1: seed.{key}: wrong"]
+    (fault,) = error_of(InvalidInputError(f"stage.{key}", 1, "none")).errors()
+    assert fault["loc"] == ("stage", key)

@@ -90,6 +90,8 @@ def test_a_stamp_that_occurs_twice_is_kept_once_and_told(
             r"a\.csv:5.*a number in the column z_m",
         ),
         ("a.csv", f"{EUROC_HEAD}\n1.5e9,0,0,0,1,0,0,0\n", r"a\.csv:2.*nanoseconds"),
+        ("a.csv", f"{EUROC_HEAD}\n{'9' * 400},0,0,0,1,0,0,0\n", r"a\.csv:2.*nanoseconds"),
+        ("a.csv", f"{EUROC_HEAD}\n{'9' * 5000},0,0,0,1,0,0,0\n", r"a\.csv:2.*nanoseconds"),
         ("a.csv", f"{EUROC_HEAD}\n1,0,0,0,1,0,0\n", r"a\.csv:2"),
         ("a.csv", "#timestamp, p_x, p_y, p_z\n1,0,0,0\n", "EuRoC's columns"),
         ("a.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "KITTI"),

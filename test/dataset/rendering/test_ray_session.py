@@ -34,6 +34,16 @@ def test_an_address_without_a_cluster_is_wrong_input(host: str) -> None:
         pass
 
 
+@pytest.mark.parametrize("port", ["9" * 5000, "\u0661", "70000"])
+def test_a_port_that_is_none_is_wrong_input(port: str) -> None:
+    settings = RaySettings(address=f"127.0.0.1:{port}")
+    with (
+        pytest.raises(InvalidInputError, match="HOST:PORT of a Ray cluster"),
+        ray_session(settings),
+    ):
+        pass
+
+
 def test_a_worker_that_does_not_fit_is_wrong_input() -> None:
     with pytest.raises(InvalidInputError, match=r"memory_per_worker.*100000"):
         worker_count(RaySettings(memory_gb=100_000.0))

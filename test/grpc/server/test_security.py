@@ -77,6 +77,12 @@ def test_addresses_that_others_reach_need_tls_or_consent(address: str) -> None:
     check_address(address, insecure=False, encrypted=True)
 
 
+@pytest.mark.parametrize("port", ["65536", "9" * 5000, "-1", "\u0661", ""])
+def test_a_port_that_is_none_is_refused(port: str) -> None:
+    with pytest.raises(InvalidInputError, match=r"--address.*HOST:PORT, with a port up to 65535"):
+        check_address(f"127.0.0.1:{port}", insecure=False, encrypted=False)
+
+
 def test_a_name_is_judged_by_what_it_stands_for() -> None:
     """This machine's name may stand for an address that others reach."""
     name = socket.gethostname()

@@ -30,6 +30,7 @@ from oaisys_mapping.certificate.verification import (
     check_limits,
     measure_again,
 )
+from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
 from oaisys_mapping.evaluation.thresholds import Thresholds, survey_thresholds
 from oaisys_mapping.evaluation.truth_io import as_stored, read_truth, write_truth
@@ -307,6 +308,20 @@ def test_a_certificate_that_cannot_be_measured_again_is_refused(issued: Path, pa
     mesh, truth = read_ply(issued / "mesh.ply"), read_truth(issued / "truth.ply")
     with pytest.raises(InvalidInputError, match="FILE"):
         measure_again(content, mesh, truth)
+
+
+@pytest.mark.parametrize("seed", [float("inf"), -1, "9" * 5000])
+def test_a_seed_that_is_none_is_refused(issued: Path, seed: object) -> None:
+    content = read_certificate(issued / "certificate.json")["content"] | {"sampling_seed": seed}
+    mesh, truth = read_ply(issued / "mesh.ply"), read_truth(issued / "truth.ply")
+    with pytest.raises(InvalidInputError, match="FILE"):
+        measure_again(content, mesh, truth)
+
+
+def test_a_view_of_infinite_width_is_refused(issued: Path) -> None:
+    view = read_certificate(issued / "certificate.json")["content"]["views"][0]
+    with pytest.raises(InvalidInputError, match=r"views\.0.*width_px"):
+        views_from_json([view | {"width_px": float("inf")}], "views")
 
 
 def test_a_true_mesh_round_trips_with_its_labels(issued: Path, tmp_path: Path) -> None:

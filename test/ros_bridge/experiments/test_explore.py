@@ -287,7 +287,9 @@ def test_worlds_are_counted_or_listed(text, first, seeds):
     assert seeds_of(text, first) == seeds
 
 
-@pytest.mark.parametrize("text", ["", "0", "-2", "one", ",", "3,-1", "1;2"])
+@pytest.mark.parametrize(
+    "text", ["", "0", "-2", "one", ",", "3,-1", "1;2", "9" * 12, "9" * 5000, "1_0"]
+)
 def test_worlds_that_are_neither_are_refused(text):
     with pytest.raises(InvalidInputError, match="--seeds"):
         seeds_of(text, 1)

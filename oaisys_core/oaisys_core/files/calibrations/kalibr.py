@@ -41,7 +41,7 @@ CAMERA_KEYS = (
 """Keys of a camera: those that are read, a topic, and which cameras see the same."""
 IMU_READ = (*IMU_KEYS, "update_rate", "T_i_b", "rostopic")
 FISHEYE, BROWN_CONRADY = ("equidistant", "equi"), ("radtan", "none")
-_CAMERA = re.compile(r"cam(\d+)")
+_CAMERA = re.compile(r"cam([0-9]{1,9})")
 
 
 def is_camchain(data: Any) -> bool:

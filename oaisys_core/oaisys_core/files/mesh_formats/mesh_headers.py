@@ -30,6 +30,7 @@ MAX_MAP_BYTES = 16_000_000_000
 MAX_NODES = 100_000
 MAX_NODE_DEPTH = 200
 MAX_HEADER_BYTES = 65_536
+_ELEMENT_COUNT = re.compile(rb"-?[0-9]{1,20}")
 """Within which the header of a .ply file ends."""
 
 LEAST_STRIDE, MOST_STRIDE = 4, 252
@@ -135,7 +136,7 @@ def _check_ply(start: bytes, size: int, most: int) -> None:
 
 def _name_and_count(line: bytes) -> tuple[bytes, int]:
     words = line.split()
-    if len(words) != 2 or not words[1].lstrip(b"-").isdigit():
+    if len(words) != 2 or not _ELEMENT_COUNT.fullmatch(words[1]):
         raise ValueError("a header that names each element with its number")
     return words[0], int(words[1])
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.csv_tables import parse_numbered_csv
+from oaisys_core.files.numbers import whole_of
 from oaisys_core.files.poses.records import FIELD, MAX_POSES, PoseTable, matrix_table, number
 from oaisys_core.geometry import T_LINK_OPTICAL, check_pose
 
@@ -82,14 +83,15 @@ def read_euroc(path: Path, text: str) -> PoseTable:
             continue
         where = f"{path}:{line_number}"
         stamp, *texts = ([s.strip() for s in line.split(",")] + [""] * 8)[:8]
-        if not (stamp.isascii() and stamp.isdecimal()):
+        stamp_ns = whole_of(stamp)
+        if stamp_ns is None:
             expected = f"whole nanoseconds in the column {names[0].lstrip('#') or 'timestamp'}"
             raise InvalidInputError(where, stamp, expected)
         x, y, z, qw, qx, qy, qz = (
             number(text, where, name) for text, name in zip(texts, names[1:8], strict=True)
         )
         # Integers divided once are rounded once.
-        found.append((line_number, [int(stamp) / 10**9, x, y, z, qx, qy, qz, qw]))
+        found.append((line_number, [stamp_ns / 10**9, x, y, z, qx, qy, qz, qw]))
     return _table(path, found, has_times=True)
 
 

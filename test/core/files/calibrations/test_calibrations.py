@@ -154,6 +154,13 @@ def test_a_chain_is_mounted_where_it_was_calibrated(tmp_path: Path) -> None:
         config_from_mapping({"sensors": {"cameras": [{"calibration": {"file": str(file)}}]}})
 
 
+def test_a_camera_whose_number_is_too_long_is_no_camera(tmp_path: Path) -> None:
+    file = tmp_path / "camchain.yaml"
+    file.write_text(yaml.safe_dump({f"cam{'9' * 5000}": camchain()["cam0"]}))
+    with pytest.raises(InvalidInputError, match="Kalibr's camchain"):
+        read_calibration(file)
+
+
 def test_noise_of_an_imu(tmp_path: Path) -> None:
     noise = {
         "accelerometer_noise_density": 2.0e-3,

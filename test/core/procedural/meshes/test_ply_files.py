@@ -270,3 +270,9 @@ def test_strips_beside_faces_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(InvalidInputError, match="tristrips"):
         load(tmp_path, header, "\n".join([*ANGLE, "3 0 1 2", "4 2 3 4 5\n"]))
+
+
+@pytest.mark.parametrize("count", ["9" * 5000, "--5", "1_0"])
+def test_a_count_that_is_no_number_is_refused(tmp_path: Path, count: str) -> None:
+    with pytest.raises(InvalidInputError, match="a header that names each element with its number"):
+        load(tmp_path, f"element vertex {count}\n{XYZ}{FACES}", "0 0 0\n")
