@@ -45,19 +45,35 @@ NOT_COARSE = Float32Step()
 """Of digits, integers and float64."""
 
 
-def float32_step(vertices: NDArray[Any], scale: float = 1.0) -> Float32Step:
+def are_used(vertices: NDArray[Any], triangles: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which of (V, 3) vertices are corners of (T, 3) triangles.
+
+    >>> are_used(np.zeros((4, 3)), np.array([[0, 1, 3]])).tolist()
+    [True, True, False, True]
+    """
+    used = np.zeros(len(vertices), np.bool_)
+    used[triangles] = True
+    return used
+
+
+def float32_step(
+    vertices: NDArray[Any], triangles: NDArray[Any], scale: float = 1.0
+) -> Float32Step:
     """Return the step of (V, 3) vertices that a file stores as float32.
 
     Args:
         vertices: As stored.
+        triangles: (T, 3) vertex indices; vertices that none has do not count.
         scale: By which the file itself enlarges them.
 
-    >>> float32_step(np.array([[500000.0, 0.0, 0.0], [500002.0, 1.0, 0.0]]))
+    >>> corners = np.array([[500000.0, 0.0, 0.0], [500002.0, 1.0, 0.0], [500001.0, 2.0, 0.0]])
+    >>> float32_step(corners, np.array([[0, 1, 2]]))
     Float32Step(coordinate=500002.0, step=0.03125)
     """
-    if not len(vertices):
+    if not len(triangles):
         return NOT_COARSE
-    low, high = (np.asarray(edge, np.float64) for edge in (vertices.min(0), vertices.max(0)))
+    found = vertices[are_used(vertices, triangles)]
+    low, high = (np.asarray(edge, np.float64) for edge in (found.min(0), found.max(0)))
     farthest = np.maximum(np.abs(low), np.abs(high))
     coordinate = float(np.where(low * high > 0, farthest, 0.0).max())
     return Float32Step(coordinate, float(np.spacing(np.float32(coordinate))) * scale)

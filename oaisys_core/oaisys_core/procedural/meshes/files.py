@@ -13,7 +13,7 @@ from oaisys_core.files.mesh_formats.mesh_headers import check_mesh_file
 from oaisys_core.procedural.meshes.blender_files import BLENDER_SUFFIXES, load_by_blender
 from oaisys_core.procedural.meshes.checks import check_mesh, check_uv
 from oaisys_core.procedural.meshes.gltf_format.gltf import load_gltf
-from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts
+from oaisys_core.procedural.meshes.loaded import LoadedMesh, merge_parts, without_unused
 from oaisys_core.procedural.meshes.obj_format.obj import load_obj
 from oaisys_core.procedural.meshes.trimesh_files import load_by_trimesh
 from oaisys_core.types import FloatArray
@@ -32,6 +32,8 @@ R_Z_UP_FROM_Y_UP: FloatArray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0
 def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -> LoadedMesh:
     """Return the mesh of a file, or of one object in it; several objects are merged.
 
+    Vertices that no triangle has are left out.
+
     A separate process reads .blend, .dae and USD files by Blender, without running scripts in them.
 
     Args:
@@ -49,7 +51,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
         found = load_by_blender(path, object_name, field)
         if not isinstance(found, LoadedMesh):
             raise _no_such_object(field, object_name or "", found)
-        return found
+        return without_unused(found)
     check_mesh_file(path, field)
     turned = path.suffix.lower() in Y_UP_SUFFIXES
     read = load_gltf if turned else load_by_trimesh
@@ -68,7 +70,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     mesh = merge_parts(object_name or path.stem, parts, field)
     if turned:
         mesh = replace(mesh, vertices_m=mesh.vertices_m @ R_Z_UP_FROM_Y_UP.T)
-    return mesh
+    return without_unused(mesh)
 
 
 def _check_name(path: Path, field: str) -> None:

@@ -20,7 +20,7 @@ from oaisys_core.files.image_formats.image_headers import (
 )
 from oaisys_core.files.image_formats.image_use import MESH_TEXTURE
 from oaisys_core.files.image_formats.images import decode_pixels
-from oaisys_core.procedural.meshes.checks import NOT_COARSE, Float32Step
+from oaisys_core.procedural.meshes.checks import NOT_COARSE, Float32Step, are_used
 from oaisys_core.scene import MeshMaterial
 from oaisys_core.types import FloatArray, ShortRepr
 
@@ -139,6 +139,20 @@ def plain_material(part: LoadedMesh) -> MeshMaterial:
     if part.vertex_colors_srgb is None:
         return MeshMaterial(part.name, color_srgb=(0.5, 0.5, 0.5))
     return MeshMaterial(part.name)
+
+
+def without_unused(mesh: LoadedMesh) -> LoadedMesh:
+    """Return a mesh without vertices that no triangle has: they would count in its extent."""
+    used = are_used(mesh.vertices_m, mesh.triangles)
+    if used.all():
+        return mesh
+    colors = mesh.vertex_colors_srgb
+    return replace(
+        mesh,
+        vertices_m=mesh.vertices_m[used],
+        triangles=(np.cumsum(used, dtype=np.int32) - 1)[mesh.triangles].astype(np.int32),
+        vertex_colors_srgb=None if colors is None else colors[used],
+    )
 
 
 def decode_texture(data: bytes, name: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:

@@ -129,7 +129,7 @@ def _parts(scene: Any, path: Path, references: FileReferences) -> Sequence[tuple
                 part = _of_ply(name, elements, path, references)
                 is_coarse = has_float_vertices(elements)
             if is_coarse:
-                part = replace(part, float32=float32_step(part.vertices_m))
+                part = replace(part, float32=float32_step(part.vertices_m, part.triangles))
             parts.append((name, part))
     return parts
 

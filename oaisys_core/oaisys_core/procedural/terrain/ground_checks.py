@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from oaisys_core.config.sections.stage import LEAST_EXTENT_M, MAX_PX
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import MAX_M
-from oaisys_core.procedural.meshes.checks import check_mesh
+from oaisys_core.procedural.meshes.checks import BLOCK, MAX_STEP_M, check_mesh
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.scene import Ground, HeightField
 
@@ -24,6 +24,12 @@ FARTHEST_M = 2 * MAX_M
 
 LEAST_SHARE = 1e-6
 """Least share of its extent that a mesh covers, seen from above; walls alone cover nothing."""
+
+LEAST_STEPS = 10
+"""Size of a triangle, in steps of float32 where it lies, below which it loses its form."""
+
+MAX_BLURRED = 1e-3
+"""Share of such triangles, beyond which a ground is refused."""
 
 HEIGHTS_EXPECTED = f"finite heights of at most {MAX_M:g} m"
 
@@ -69,7 +75,7 @@ def check_triangles(ground: MeshGround, path: Path, field: str) -> None:
 
     Raises:
         InvalidInputError: Vertices or indices have another type or shape; see also `check_mesh`,
-            `check_extent` and `check_cover`.
+            `check_extent`, `check_cover` and `check_resolution`.
     """
     points, corners = ground.points_m, ground.corners
     expected = ""
@@ -84,6 +90,7 @@ def check_triangles(ground: MeshGround, path: Path, field: str) -> None:
     check_mesh(points, corners, path, field)
     check_extent(ground, path, field)
     check_cover(ground, path, field)
+    check_resolution(ground, path, field)
 
 
 def check_extent(ground: Ground, path: Path, field: str) -> None:
@@ -119,14 +126,46 @@ def check_cover(ground: MeshGround, path: Path, field: str) -> None:
         field: Name of the file's field in errors.
 
     Raises:
-        InvalidInputError: Its triangles are vertical.
+        InvalidInputError: Its triangles are vertical, or lie far apart.
     """
     x0, y0, x1, y1 = ground.extent_m
     covered_m2 = len(ground.corners) * ground.spacing_m**2 / 2
     if not covered_m2 >= LEAST_SHARE * (x1 - x0) * (y1 - y0):
         expected = (
             f"triangles that cover {LEAST_SHARE:g} of its extent of {x1 - x0:.6g} x {y1 - y0:.6g} m"
-            f" seen from above, not {covered_m2:.3g} m2: vertical ones have no ground"
+            f" seen from above, not {covered_m2:.3g} m2: vertical ones have no ground, and between"
+            " parts that lie far apart there is none"
+        )
+        raise InvalidInputError(field, str(path), expected)
+
+
+def check_resolution(ground: MeshGround, path: Path, field: str) -> None:
+    """Raise if float32 does not resolve a mesh's triangles where they lie.
+
+    Args:
+        ground: The ground.
+        path: The file.
+        field: Name of the file's field in errors.
+
+    Raises:
+        InvalidInputError: Its extent is too large for its triangles.
+    """
+    if np.spacing(np.abs(ground.points_m).max()) <= MAX_STEP_M:
+        return
+    blurred, coarsest_m = 0, 0.0
+    for first in range(0, len(ground.corners), BLOCK):
+        points_m = ground.points_m[ground.corners[first : first + BLOCK]]
+        steps_m = np.spacing(np.abs(points_m).max(axis=(1, 2)))
+        is_blurred = np.ptp(points_m, axis=1).max(axis=1) < LEAST_STEPS * steps_m
+        is_blurred &= steps_m > MAX_STEP_M
+        blurred += int(np.count_nonzero(is_blurred))
+        coarsest_m = max(coarsest_m, float(steps_m[is_blurred].max(initial=0.0)))
+    if blurred > MAX_BLURRED * len(ground.corners):
+        x0, y0, x1, y1 = ground.extent_m
+        expected = (
+            f"triangles of at least {LEAST_STEPS} steps of a 32-bit float, but over an extent of"
+            f" {x1 - x0:.6g} x {y1 - y0:.6g} m these reach {coarsest_m:.3g} m, and {blurred} of"
+            f" {len(ground.corners)} triangles are smaller: leave out what lies far away"
         )
         raise InvalidInputError(field, str(path), expected)
 

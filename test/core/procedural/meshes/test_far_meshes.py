@@ -278,3 +278,52 @@ def test_an_object_near_its_origin_stays_where_its_file_has_it(tmp_path: Path) -
     library = PrototypeLibrary("rock", 1.0, 64, 0)
     found = library.prototype(config.assets.objects[0], np.random.default_rng(0))
     assert (found.vertices_m == small.astype(np.float32)).all()
+
+
+@pytest.mark.parametrize("stray", [(9.4e6, 5_200_008.0, 400.0), (0.0, 0.0, 0.0)])
+def test_a_vertex_that_no_triangle_has_moves_no_origin(
+    tmp_path: Path, stray: tuple[float, float, float]
+) -> None:
+    truth = hilly(UTM)
+    more = np.vstack((stray, truth.vertices))
+    strayed = trimesh.Trimesh(more, truth.faces + 1, process=False)
+    found = load_mesh(export_float64(strayed, tmp_path / "a.ply"))
+    ground = mesh_ground(found, 1.0, "z", (0.0, 0.0, 0.0))
+    assert ground.local_origin_m == (500_008.0, 5_200_008.0, 0.0)
+    assert (ground.corners == truth.faces).all()
+    found_m = ground.points_m + np.asarray(ground.local_origin_m)
+    np.testing.assert_allclose(found_m, truth.vertices, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_a_vertex_that_no_triangle_has_hides_no_lost_digits(tmp_path: Path, suffix: str) -> None:
+    """Beside the origin, the mesh seemed to lie around it."""
+    truth = hilly(UTM)
+    more = np.vstack((truth.vertices, -UTM))
+    file = tmp_path / f"a{suffix}"
+    export_float32(trimesh.Trimesh(more, truth.faces, process=False), file)
+    with pytest.raises(InvalidInputError, match=r"have a step of 0\.5 at 5200016"):
+        load_stage_mesh(StageMeshConfig(file=file))
+
+
+def test_a_vertex_that_no_triangle_has_keeps_the_colours_of_others(tmp_path: Path) -> None:
+    mesh = hilly(np.zeros(3))
+    colors = np.arange(4 * (len(mesh.vertices) + 1), dtype=np.uint32).reshape(-1, 4) % 251
+    more = np.vstack(((50.0, 0.0, 0.0), mesh.vertices))
+    strayed = trimesh.Trimesh(more, mesh.faces + 1, vertex_colors=colors, process=False)
+    file = tmp_path / "a.ply"
+    export_float32(strayed, file)
+    found = load_mesh(file)
+    assert found.vertex_colors_srgb is not None
+    assert (found.vertex_colors_srgb == colors[1:, :3]).all()
+
+
+@pytest.mark.blender
+def test_a_vertex_that_no_triangle_has_is_left_out_of_what_blender_reads(tmp_path: Path) -> None:
+    file = tmp_path / "a.usda"
+    file.write_text(
+        '#usda 1.0\n(\n    upAxis = "Z"\n    metersPerUnit = 1\n)\ndef Mesh "own"\n{\n'
+        "    int[] faceVertexCounts = [3]\n    int[] faceVertexIndices = [1, 2, 3]\n"
+        "    point3f[] points = [(900, 0, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0)]\n}\n"
+    )
+    assert load_mesh(file).vertices_m.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]

@@ -64,3 +64,35 @@ def test_a_path_across_its_extent_is_a_ground(tmp_path: Path) -> None:
     """2 km by 2 m, as the diagonal of a square: a 1400th of it has ground."""
     text = "v 0 0 0\nv 1.4 -1.4 0\nv 1414 1414 9\nv 1415.4 1412.6 9\nf 1 2 3\nf 2 4 3\n"
     assert load_mesh_ground(mesh(tmp_path, text)).extent_m[2] == pytest.approx(1415.4)
+
+
+def grid_and_square(edge_m: float, cells: int) -> str:
+    """A level square around the origin, and in its corner a grid of cells of 0.2 m."""
+    half = edge_m / 2
+    corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    grid = [(half - 0.2 * i, half - 0.2 * j) for i in range(cells + 1) for j in range(cells + 1)]
+    lines = [f"v {x} {y} 0" for x, y in (*corners, *grid)]
+    lines += ["f 1 2 3", "f 1 3 4"]
+    for i in range(cells):
+        for j in range(cells):
+            at = 5 + i * (cells + 1) + j
+            lines.append(f"f {at} {at + cells + 1} {at + cells + 2} {at + 1}")
+    return "\n".join([*lines, ""])
+
+
+def test_triangles_that_float32_does_not_resolve_are_refused(tmp_path: Path) -> None:
+    """Floats of 32 bits have steps of 6 cm at 1,000 km: heights were metres off, exit 0."""
+    told = r"mesh\.file: .*over an extent of 2e\+06 x 2e\+06 m.*reach 0\.0625 m, and 800 of 802"
+    with pytest.raises(InvalidInputError, match=told):
+        load_mesh_ground(mesh(tmp_path, grid_and_square(2e6, 20)))
+    assert load_mesh_ground(mesh(tmp_path, grid_and_square(1e5, 20))).extent_m[2] == 5e4
+
+
+def test_large_triangles_may_have_any_extent(tmp_path: Path) -> None:
+    assert load_mesh_ground(mesh(tmp_path, LEVEL.format(2e6, 2e6))).extent_m[2] == 2e6
+
+
+def test_parts_far_apart_are_told_as_such(tmp_path: Path) -> None:
+    apart = LEVEL.format(1, 1) + "v 9000 9000 0\nv 9001 9000 0\nv 9000 9001 0\nf 4 5 6\n"
+    with pytest.raises(InvalidInputError, match="between parts that lie far apart there is none"):
+        load_mesh_ground(mesh(tmp_path, apart))

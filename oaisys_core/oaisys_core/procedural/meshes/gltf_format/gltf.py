@@ -161,9 +161,8 @@ class _Primitives:
                 points, mirrored = vertices.points(T, joints)
                 name = node_name(self._document, index)
                 surface = self._surface(name, primitive, vertices, points, mirrored=mirrored)
-                yield replace(
-                    surface, float32=vertices.float32_step(T if joints is None else joints)
-                )
+                poses = T if joints is None else joints
+                yield replace(surface, float32=vertices.float32_step(poses, surface.triangles))
 
     def _surface(
         self,

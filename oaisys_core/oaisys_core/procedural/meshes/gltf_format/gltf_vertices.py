@@ -129,13 +129,13 @@ class Vertices:
             found[rows] = np.einsum("vij,vj->vi", pose[:, :3, :3], found[rows]) + pose[:, :3, 3]
         return found, mirrored
 
-    def float32_step(self, poses: FloatArray) -> Float32Step:
+    def float32_step(self, poses: FloatArray, triangles: NDArray[Any]) -> Float32Step:
         """Return how fine POSITION is in the scene, under one or several (..., 4, 4) poses."""
         index = self._attributes["POSITION"]
         if self._document["accessors"][index]["componentType"] != FLOAT:
             return NOT_COARSE
         scale = np.linalg.norm(poses.reshape(-1, 4, 4)[:, :3, :3], ord=2, axis=(1, 2)).max()
-        return float32_step(self._accessors.floats(index), float(scale))
+        return float32_step(self._accessors.floats(index), triangles, float(scale))
 
     def _influences(self, count: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Return the (V, K) joints of each vertex, and their weights, whose sum is 1."""

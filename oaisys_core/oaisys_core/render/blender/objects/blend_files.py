@@ -313,7 +313,7 @@ def _part(thing: Any, warnings: list[str]) -> LoadedMesh:
     if np.linalg.det(T[:3, :3]) < 0:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
     points = _fill(mesh.vertices, "co", 3)
-    step = float32_step(points, float(np.linalg.norm(T[:3, :3], ord=2)))
+    step = float32_step(points, triangles, float(np.linalg.norm(T[:3, :3], ord=2)))
     bare = LoadedMesh(thing.name, transform_points(T, points), triangles, float32=step)
     corners = _fill(mesh.loop_triangles, "loops", 3, np.int32)
     which = np.empty(len(triangles), np.int32)
