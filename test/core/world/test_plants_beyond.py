@@ -119,7 +119,8 @@ def test_without_land_nothing_floats(wood: Simulation) -> None:
 def test_a_plain_or_a_word_keeps_them_on_the_stage(
     stage: dict[str, Any], group: dict[str, Any]
 ) -> None:
-    assets = {"rocks": [], "groups": [WOOD["assets"]["groups"][0] | group]}
+    many = WOOD["assets"]["groups"][0] | {"count": 40}
+    assets = {"rocks": [], "groups": [many | group]}
     simulation = Simulation(
         config_from_mapping(WOOD | {"stage": WOOD["stage"] | stage, "assets": assets})
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
-from oaisys_core.procedural.scatter.placement.density import Density, clumped, make_density
+from oaisys_core.procedural.scatter.placement.density import Density, in_clumps, make_density
 from oaisys_core.procedural.scatter.placement.ground_pose import footprint_of
 from oaisys_core.procedural.scatter.placement.random_poses import (
     MAX_TILT_DEG,
@@ -127,7 +127,7 @@ def scatter_group(
         density = _out_of_water(density, ground, water_m - WADING_M.get(group.shape, 0.0))
     if group.shape in PLANTS and group.shape not in MATS and not group.spacing_m:
         size_m = float(np.sqrt(group.size_m[0] * group.size_m[1]))
-        density = clumped(density, size_m, ground, randomness.child(rng, "clumps"))
+        density = in_clumps(density, size_m, ground, randomness.child(rng, "clumps"))
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]

@@ -107,7 +107,7 @@ def _density(
     return partial(bilinear, _image(config), ground)
 
 
-def clumped(density: Density, size_m: float, ground: Ground, rng: np.random.Generator) -> Density:
+def in_clumps(density: Density, size_m: float, ground: Ground, rng: np.random.Generator) -> Density:
     """Return a density of plants that stand in clumps, with some alone between them.
 
     Seeds fall near their plants and shoots grow beside them, so that the logarithm of the density
