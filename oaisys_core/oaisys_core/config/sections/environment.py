@@ -132,7 +132,7 @@ class HazeConfig(Section):
 
 
 class CloudsConfig(Section):
-    """Clouds with volume, and their shadows; the sky's light on the ground is as without them.
+    """Clouds with volume, and their shadows; below a closed layer, the ground has light of clouds.
 
     Attributes:
         kind: ``cumulus`` are heaps with flat undersides, ``stratocumulus`` is a low layer of rolls.
@@ -143,7 +143,7 @@ class CloudsConfig(Section):
         thickness_m: Height of the highest tops above the undersides. None: 0.45 times the size of
             cumulus, 0.2 times that of stratocumulus.
         shadows: Whether they cast shadows: the ground below thick ones gets a fifth of the sun's
-            light. ``false``: the sun shines as without clouds.
+            light. ``false``: sun and sky shine as without clouds.
     """
 
     kind: CloudKind = "cumulus"

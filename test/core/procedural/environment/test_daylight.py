@@ -87,6 +87,15 @@ def test_single_clouds_leave_the_light_of_the_sky() -> None:
     assert daylight_factors(replace(world, clouds=None)) == (1.0, 1.0, 1.0)
 
 
+def test_without_shadows_sun_and_sky_shine_as_without_clouds() -> None:
+    """Below a closed layer, the clouds' light was added to that of the whole sun."""
+    world = sky(1.0)
+    assert world.clouds is not None
+    assert max(daylight_factors(world)) != 1.0
+    unshaded = replace(world, clouds=replace(world.clouds, shadows=False))
+    assert daylight_factors(unshaded) == (1.0, 1.0, 1.0)
+
+
 def test_light_changes_with_the_cover_without_a_step() -> None:
     covers = np.linspace(0.5, 1.0, 26)
     shares = np.array([spread_share(replace(FAIR, cover=float(each))) for each in covers])

@@ -35,7 +35,8 @@ def spread_share(clouds: Clouds) -> float:
 def daylight_factors(sky: Sky) -> tuple[float, float, float]:
     """Return the factors on the sky's radiance in red, green and blue, as a light on the ground."""
     clouds = sky.clouds
-    if clouds is None or not sky.shows_clouds or not spread_share(clouds):
+    # Without shadows the sun shines as if there were no clouds, and so does the sky.
+    if clouds is None or not (clouds.shadows and sky.shows_clouds and spread_share(clouds)):
         return (1.0, 1.0, 1.0)
     clear_w_m2 = sky_irradiance_w_m2(sky)
     factors = below_clouds_w_m2(sky) / np.maximum(clear_w_m2, 1e-12)
