@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from oaisys_mapping.evaluation.thresholds import (
     exploration_thresholds,
     survey_thresholds,
 )
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 
 COMPARED = (
@@ -213,6 +214,45 @@ def check_file(content: Mapping[str, Any], what: str, path: Path) -> CheckResult
     return CheckResult(f"the hash of {what} {path}", file_sha256(path) == said.get("sha256"))
 
 
+class MeasurementSetup(NamedTuple):
+    """How a map was measured.
+
+    Attributes:
+        voxel_size_m, max_range_m: Of the map.
+        seed: Of the measured points.
+        views: What was seen.
+    """
+
+    voxel_size_m: float
+    max_range_m: float
+    seed: int
+    views: list[PosedCamera]
+
+    def rng(self) -> np.random.Generator:
+        """Return what draws the measured points."""
+        return np.random.default_rng(self.seed)
+
+
+def measurement_setup(content: Mapping[str, Any]) -> MeasurementSetup:
+    """Return how the map of a certificate's content was measured.
+
+    Raises:
+        InvalidInputError: The certificate is incomplete, or a value cannot be.
+    """
+    try:
+        voxel_size_m = float(_part(content, "figures")["voxel_size_m"])
+        max_range_m, seed = float(content["max_range_m"]), int(content["sampling_seed"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidInputError("FILE", str(error), "how the map was measured") from error
+    for name, value in (("figures.voxel_size_m", voxel_size_m), ("max_range_m", max_range_m)):
+        if not 0 < value < np.inf:
+            raise InvalidInputError(f"FILE: {name}", value, "a positive, finite number")
+    if seed < 0:
+        raise InvalidInputError("FILE: sampling_seed", seed, "0 or more")
+    views = views_from_json(_part(content, "views"), "FILE: views")
+    return MeasurementSetup(voxel_size_m, max_range_m, seed, views)
+
+
 def measure_again(
     content: Mapping[str, Any],
     mesh: ColoredMesh,
@@ -231,16 +271,15 @@ def measure_again(
         InvalidInputError: The certificate is incomplete, or a mesh is empty.
     """
     figures = _part(content, "figures")
+    setup = measurement_setup(content)
     try:
-        voxel_size_m = float(figures["voxel_size_m"])
-        max_range_m, seed = float(content["max_range_m"]), int(content["sampling_seed"])
         labels = {int(number): str(name) for number, name in content["labels"].items()}
-        rng = np.random.default_rng(seed)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InvalidInputError("FILE", str(error), "how the map was measured") from error
-    views = views_from_json(_part(content, "views"), "FILE: views")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidInputError("FILE: labels", str(error), "names by their numbers") from error
     extras = Extras(labels=labels, classes=classes)
-    found = evaluate_reconstruction(mesh, truth, views, voxel_size_m, max_range_m, rng, extras)
+    found = evaluate_reconstruction(
+        mesh, truth, setup.views, setup.voxel_size_m, setup.max_range_m, setup.rng(), extras
+    )
     measured = found.metrics.to_dict()
     names = COMPARED if classes is None else (*COMPARED, "least_iou")
     return [

@@ -29,6 +29,7 @@ from oaisys_mapping.certificate.verification import (
     check_file,
     check_limits,
     measure_again,
+    measurement_setup,
 )
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
@@ -310,12 +311,23 @@ def test_a_certificate_that_cannot_be_measured_again_is_refused(issued: Path, pa
         measure_again(content, mesh, truth)
 
 
-@pytest.mark.parametrize("seed", [float("inf"), -1, "9" * 5000])
-def test_a_seed_that_is_none_is_refused(issued: Path, seed: object) -> None:
-    content = read_certificate(issued / "certificate.json")["content"] | {"sampling_seed": seed}
-    mesh, truth = read_ply(issued / "mesh.ply"), read_truth(issued / "truth.ply")
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        *({"sampling_seed": seed} for seed in (float("inf"), -1, "9" * 5000)),
+        *({"max_range_m": range_m} for range_m in (0.0, -5.0, float("nan"), "far", None)),
+        *({"figures": figures} for figures in ({}, {"voxel_size_m": 0}, {"voxel_size_m": [0.1]})),
+        {"views": "none"},
+    ],
+    ids=str,
+)
+def test_damaged_numbers_of_a_measurement_are_refused(
+    issued: Path, damaged: dict[str, object]
+) -> None:
+    content = read_certificate(issued / "certificate.json")["content"]
+    assert measurement_setup(content).seed == SEED
     with pytest.raises(InvalidInputError, match="FILE"):
-        measure_again(content, mesh, truth)
+        measurement_setup(content | damaged)
 
 
 def test_a_view_of_infinite_width_is_refused(issued: Path) -> None:

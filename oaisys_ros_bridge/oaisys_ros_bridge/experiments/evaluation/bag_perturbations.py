@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE, read_certificate
 from oaisys_mapping.certificate.perturbations import PerturbationResult, PosedDepth
-from oaisys_mapping.certificate.view_files import views_from_json
+from oaisys_mapping.certificate.verification import measurement_setup
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.evaluation.truth_io import read_truth
@@ -37,25 +36,23 @@ def perturb_bag(folder: Path, reporter: Reporter) -> list[PerturbationResult]:
         reporter: Says the verdict on each map.
 
     Raises:
-        InvalidInputError: One of them is missing.
+        InvalidInputError: One of them is missing, or the certificate does not say how to measure.
     """
-    content = read_certificate(folder / CERTIFICATE_FILE)["content"]
-    voxel_size_m, range_m = float(content["figures"]["voxel_size_m"]), content["max_range_m"]
+    setup = measurement_setup(read_certificate(folder / CERTIFICATE_FILE)["content"])
     frames = list(frames_of_bag(folder / "bag"))
     if not frames:
         raise InvalidInputError("bag", str(folder / "bag"), "a bag with depth images and poses")
     reporter.say(f"{len(frames)} frames in the bag")
-    seed = int(content["sampling_seed"])
     surface = true_surface(
         read_truth(folder / TRUTH_FILE),
-        views_from_json(content["views"], "FILE: views"),
-        voxel_size_m,
-        range_m,
-        np.random.default_rng(seed),
+        setup.views,
+        setup.voxel_size_m,
+        setup.max_range_m,
+        setup.rng(),
     )
-    config = TsdfConfig(voxel_size_m=voxel_size_m, max_range_m=range_m)
-    thresholds = survey_thresholds(voxel_size_m)
-    return run_perturbations(frames, surface, thresholds, config, seed, reporter)
+    config = TsdfConfig(voxel_size_m=setup.voxel_size_m, max_range_m=setup.max_range_m)
+    thresholds = survey_thresholds(setup.voxel_size_m)
+    return run_perturbations(frames, surface, thresholds, config, setup.seed, reporter)
 
 
 def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:

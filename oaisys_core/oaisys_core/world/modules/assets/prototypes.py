@@ -107,7 +107,9 @@ class PrototypeLibrary:
             for middle_m in classes
             for _ in range(count)
         ]
-        return [_of_size_1(look) for look in looks]
+        if group.shape is None:
+            return [_of_size_1(look) for look in looks]
+        return [look if _is_of_size_1(look) else _of_size_1(look) for look in looks]
 
     def _color(self, look: MeshPrototype, config: ShapedConfig) -> MeshPrototype:
         if config.color_srgb is not None:
@@ -191,12 +193,14 @@ def _upright(
 
 def _of_size_1(look: MeshPrototype) -> MeshPrototype:
     """Return a mesh scaled to 1 m along its longest axis, the centre of its base at the origin."""
-    low, high = look.vertices_m.min(axis=0), look.vertices_m.max(axis=0)
-    size_m = float((high - low).max())
-    if abs(size_m - 1) < 1e-5 and abs(low[2]) < 0.2:
-        return look
-    base = _base_of(look.vertices_m)
+    base, size_m = _base_of(look.vertices_m), float(np.ptp(look.vertices_m, axis=0).max())
     return replace(look, vertices_m=((look.vertices_m - base) / size_m).astype(np.float32))
+
+
+def _is_of_size_1(look: MeshPrototype) -> bool:
+    """Return whether a shape is 1 m large and stands at the origin, maybe with its roots below."""
+    is_1_m = abs(float(np.ptp(look.vertices_m, axis=0).max()) - 1) < 1e-5
+    return is_1_m and abs(float(look.vertices_m[:, 2].min())) < 0.2
 
 
 def _base_of(vertices_m: NDArray[np.float32]) -> NDArray[np.float64]:

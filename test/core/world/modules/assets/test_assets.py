@@ -403,6 +403,18 @@ def test_a_users_mesh_is_scaled_for_a_group_and_kept_for_an_object(tmp_path: Pat
     assert kept.vertex_colors_srgb is not None
 
 
+def test_a_users_mesh_of_1_m_stands_at_its_place_wherever_its_file_has_it(tmp_path: Path) -> None:
+    """One that was 1 m large already stood where its file had it: beside its place."""
+    corners = ["v 2 0 0", "v 3 0 0", "v 2 1 0", "v 2 0 1"]
+    faces = ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 3 1 4"]
+    (tmp_path / "wedge.obj").write_text("\n".join(corners + faces))
+    group = {"name": "wedges", "count": [1, 1], "file": str(tmp_path / "wedge.obj")} | LABEL
+    stand = Stand({"groups": [group]})
+    look = stand.world.prototypes[stand.world.placements[0].prototype]
+    low, high = look.vertices_m.min(axis=0), look.vertices_m.max(axis=0)
+    assert (*(low + high)[:2] / 2, low[2]) == pytest.approx((0, 0, 0), abs=1e-6)
+
+
 def test_a_restored_simulation_goes_on_as_the_first_would_have() -> None:
     config = config_from_mapping(
         {
