@@ -15,9 +15,11 @@ from oaisys_core.config.sections.stage import StageMeshConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.meshes.checks import local_origin
 from oaisys_core.procedural.meshes.files import load_mesh
+from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.world.config_files import name_faults
 from oaisys_core.world.module import World
+from oaisys_core.world.modules.assets import prototypes
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.world.modules.stage import StageModule, load_stage_mesh
 
@@ -278,6 +280,27 @@ def test_an_object_near_its_origin_stays_where_its_file_has_it(tmp_path: Path) -
     library = PrototypeLibrary("rock", 1.0, 64, 0)
     found = library.prototype(config.assets.objects[0], np.random.default_rng(0))
     assert (found.vertices_m == small.astype(np.float32)).all()
+
+
+def test_objects_of_several_scales_share_the_mesh_of_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each scale read the file again, and each drawn one stayed in memory."""
+    file = exported(hilly(np.zeros(3)), tmp_path)
+    read: list[Path] = []
+
+    def counted(path: Path, object_name: str | None, field: str) -> LoadedMesh:
+        read.append(path)
+        return load_mesh(path, object_name, field)
+
+    monkeypatch.setattr(prototypes, "load_mesh", counted)
+    thing = HILL | {"file": str(file), "anchor": "origin"}
+    things = [thing | {"name": f"hill_{scale:g}", "scale": scale} for scale in (1.0, 2.0)]
+    objects = config_from_mapping({"assets": {"objects": things}}).assets.objects
+    library = PrototypeLibrary("rock", 1.0, 64, 0)
+    one, other = (library.prototype(each, np.random.default_rng(0)) for each in objects)
+    assert one is other
+    assert len(read) == 1
 
 
 @pytest.mark.parametrize("stray", [(9.4e6, 5_200_008.0, 400.0), (0.0, 0.0, 0.0)])

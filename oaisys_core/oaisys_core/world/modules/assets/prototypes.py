@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from oaisys_core.procedural.scatter.rocks import ROCK_KINDS
 from oaisys_core.procedural.scatter.shapes import check_shape, make_shape
 from oaisys_core.procedural.textures import TEXTURES, default_cache_dir, texture_set
 from oaisys_core.scene import MeshPrototype, PbrMaps
+from oaisys_core.types import FloatArray
 
 LOG = logging.getLogger(__name__)
 
@@ -55,7 +57,8 @@ class PrototypeLibrary:
         self._rock_texture, self._tile_m = rock_texture, tile_m
         self._size_px, self._seed = size_px, seed
         self._maps: dict[tuple[str, float], PbrMaps] = {}
-        self._files: dict[tuple[Path, str | None, str | None, Anchor, float], MeshPrototype] = {}
+        self._edges: dict[tuple[Path, str | None], NDArray[np.floating[Any]]] = {}
+        self._files: dict[tuple[Any, ...], MeshPrototype] = {}
 
     def check(self, config: ShapedConfig, field: str) -> None:
         """Raise on shapes and textures that do not exist, and on files without a mesh.
@@ -132,52 +135,74 @@ class PrototypeLibrary:
         if path is None:
             raise InvalidInputError(field, path, "a file")
         anchor: Anchor = "origin"
-        least = 0.0  # where the file has the mesh does not count
+        far = 0.0  # where the file has the mesh does not count
         if isinstance(config, PlacedObjectConfig | MoverConfig):
             anchor = config.anchor
-            least = FAR_M / config.scale if anchor == "origin" else 0.0
-        key = (path, config.object_name, config.up_axis, anchor, least)
+            far = FAR_M / config.scale if anchor == "origin" else 0.0
+        place = (path, config.object_name)
+        mesh = None if place in self._edges else self._load(place, field)
+        origin = _origin_of(self._edges[place], far)
+        # At all scales at which a mesh lies near its origin, it has one prototype.
+        key = (*place, config.up_axis, anchor, tuple(origin.tolist()))
         if key not in self._files:
-            mesh = load_mesh(path, config.object_name, field)
+            mesh = self._load(place, field) if mesh is None else mesh
             if path.suffix.lower() == ".obj" and config.up_axis is None:
                 LOG.info("%s: .obj files do not say which axis is up: z is taken (up_axis)", path)
-            vertices_m = _upright(_near_origin(mesh, path, least, field), path, config.up_axis)
-            if anchor == "base":
-                vertices_m = (vertices_m - _base_of(vertices_m)).astype(np.float32)
-            self._files[key] = MeshPrototype(
-                name=mesh.name,
-                vertices_m=vertices_m,
-                triangles=mesh.triangles,
-                color_srgb=_mean_color(mesh.vertex_colors_srgb),
-                vertex_colors_srgb=mesh.vertex_colors_srgb,
-                uv=mesh.uv,
-                materials=mesh.materials,
-                material_of=mesh.material_of,
-            )
+            near_m = _near_origin(mesh, path, anchor, origin, field)
+            self._files[key] = _file_prototype(mesh, _upright(near_m, path, config.up_axis), anchor)
         return self._files[key]
 
+    def _load(self, place: tuple[Path, str | None], field: str) -> LoadedMesh:
+        """Return the mesh of a file, and keep where its edges are."""
+        mesh = load_mesh(*place, field)
+        self._edges[place] = np.stack((mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)))
+        return mesh
 
-def _near_origin(mesh: LoadedMesh, path: Path, least: float, field: str) -> NDArray[np.float32]:
-    """Return the vertices of a mesh, moved to the origin if they lie far from it.
+
+def _origin_of(edges: NDArray[np.floating[Any]], far: float) -> FloatArray:
+    """Return the point to which a mesh's origin moves, since it lies far from its own; else 0.
 
     Args:
-        mesh: The mesh.
-        path: Its file.
-        least: Distance from the origin that is far, in the file's units; 0: only sizes count.
-        field: Name of the file's field in errors.
+        edges: (2, 3) least and largest coordinates of the mesh.
+        far: Distance from the origin that is far, in the file's units; 0: only sizes count.
     """
-    origin = local_origin(mesh.vertices_m, least)
-    size = float(np.ptp(mesh.vertices_m, axis=0).max())
-    origin = np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
+    origin = local_origin(edges, far)
+    size = float(np.ptp(edges, axis=0).max())
+    return np.where(np.abs(origin) > FAR_SIZES * size, origin, 0.0)
+
+
+def _near_origin(
+    mesh: LoadedMesh, path: Path, anchor: Anchor, origin: FloatArray, field: str
+) -> NDArray[np.float32]:
+    """Return the vertices of a mesh relative to a point of `_origin_of`."""
     if origin.any():
+        size = float(np.ptp(mesh.vertices_m, axis=0).max())
         check_float32_step(mesh.float32, size * MAX_STEP_SHARE, path, field)
-    if origin.any() and least:
+    if origin.any() and anchor == "origin":
         LOG.warning(
             "%s: lies far from its origin, so that of the object is at [%s] of its coordinates",
             path,
             ", ".join(f"{value:.0f}" for value in origin),
         )
     return np.asarray(mesh.vertices_m - origin, np.float32)
+
+
+def _file_prototype(
+    mesh: LoadedMesh, vertices_m: NDArray[np.float32], anchor: Anchor
+) -> MeshPrototype:
+    """Return the prototype of a file's mesh with other vertices, relative to its anchor."""
+    if anchor == "base":
+        vertices_m = (vertices_m - _base_of(vertices_m)).astype(np.float32)
+    return MeshPrototype(
+        name=mesh.name,
+        vertices_m=vertices_m,
+        triangles=mesh.triangles,
+        color_srgb=_mean_color(mesh.vertex_colors_srgb),
+        vertex_colors_srgb=mesh.vertex_colors_srgb,
+        uv=mesh.uv,
+        materials=mesh.materials,
+        material_of=mesh.material_of,
+    )
 
 
 def _upright(
