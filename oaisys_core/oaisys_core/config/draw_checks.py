@@ -18,12 +18,12 @@ from oaisys_core.config.draws import (
     RangeDraw,
     is_draw,
     locate,
+    location_of,
     put,
     value_at,
 )
 from oaisys_core.config.expectations import faults_of
 from oaisys_core.errors import InvalidInputError, quote
-from oaisys_core.files.numbers import whole_of
 
 
 class CheckedConfig(Protocol):
@@ -116,9 +116,7 @@ def error_at(place: Location, received: object, expected: str) -> ValidationErro
 
 def error_of(error: InvalidInputError) -> ValidationError:
     """Return an `InvalidInputError` whose field is a location as pydantic's error."""
-    names = error.field.split(".")
-    parts = [name if (row := whole_of(name)) is None else row for name in names]
-    return error_at(tuple(parts), error.received, error.expected)
+    return error_at(location_of(error.field), error.received, error.expected)
 
 
 def errors_below(

@@ -18,6 +18,7 @@ import numpy as np
 from oaisys_core.config.expectations import alternatives, inner_types
 from oaisys_core.config.section import LEAST_WEIGHT, MOST_WEIGHT
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.numbers import whole_of
 
 Location = tuple[int | str, ...]
 """Keys and indices that lead to a value."""
@@ -150,6 +151,12 @@ def value_at(data: Any, location: Location) -> Any:
     for part in locate(data, location):
         data = data[part]
     return data
+
+
+def location_of(field: str) -> Location:
+    """Return the keys and indices of a field's path: ``assets.groups.0`` has an index."""
+    names = field.split(".")
+    return tuple(name if (index := whole_of(name)) is None else index for name in names)
 
 
 def locate(data: Any, location: Location) -> Location:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from oaisys_core.config.draws import location_of
 from oaisys_core.config.expectations import (
     MISSING_KEY,
     UNKNOWN_KEY,
@@ -21,7 +22,6 @@ from oaisys_core.config.model import SimulationConfig
 from oaisys_core.errors import ConfigError, quote, show_field
 from oaisys_core.files.canonical_json import canonical_text, text_sha256
 from oaisys_core.files.documents import DocumentError, read_text
-from oaisys_core.files.numbers import whole_of
 from oaisys_core.files.path_fields import BASE
 from oaisys_core.files.yaml_documents import parse_yaml_with_lines
 
@@ -68,8 +68,7 @@ def with_lines(path: Path, faults: Iterable[str]) -> list[str]:
     _, root = parse_yaml_with_lines(read_text(path))
     lines = []
     for fault in faults:
-        keys = fault.partition(":")[0].split(".")
-        line = _line_of(root, [key if (row := whole_of(key)) is None else row for key in keys])
+        line = _line_of(root, location_of(fault.partition(":")[0]))
         lines.append(f"{path}: {fault}" if line is None else f"{path}:{line}: {fault}")
     return lines
 

@@ -30,11 +30,12 @@ MAX_MAP_BYTES = 16_000_000_000
 MAX_NODES = 100_000
 MAX_NODE_DEPTH = 200
 MAX_HEADER_BYTES = 65_536
-_ELEMENT_COUNT = re.compile(rb"-?[0-9]{1,20}")
 """Within which the header of a .ply file ends."""
 
 LEAST_STRIDE, MOST_STRIDE = 4, 252
 """Bytes from one vertex to the next in a glTF file (glTF 2.0, §5.11.4)."""
+
+_ELEMENT_COUNT = re.compile(rb"-?[0-9]{1,20}")
 
 _PLY_TYPES = {
     **dict.fromkeys((b"char", b"uchar", b"int8", b"uint8"), 1),

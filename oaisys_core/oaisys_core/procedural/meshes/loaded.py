@@ -150,7 +150,7 @@ def without_unused(mesh: LoadedMesh) -> LoadedMesh:
     return replace(
         mesh,
         vertices_m=mesh.vertices_m[used],
-        triangles=(np.cumsum(used, dtype=np.int32) - 1)[mesh.triangles].astype(np.int32),
+        triangles=(np.cumsum(used, dtype=np.int32) - 1)[mesh.triangles],
         vertex_colors_srgb=None if colors is None else colors[used],
     )
 

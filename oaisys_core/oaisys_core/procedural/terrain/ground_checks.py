@@ -74,8 +74,8 @@ def check_triangles(ground: MeshGround, path: Path, field: str) -> None:
     """Raise if triangles from a file cannot be the ground of a stage.
 
     Raises:
-        InvalidInputError: Vertices or indices have another type or shape; see also `check_mesh`,
-            `check_extent`, `check_cover` and `check_resolution`.
+        InvalidInputError: Vertices or indices have another type or shape; see also `check_mesh`
+            and `check_surface`.
     """
     points, corners = ground.points_m, ground.corners
     expected = ""
@@ -88,9 +88,24 @@ def check_triangles(ground: MeshGround, path: Path, field: str) -> None:
     if expected:
         raise InvalidInputError(field, str(path), expected)
     check_mesh(points, corners, path, field)
+    check_surface(ground, path, field)
+
+
+def check_surface(ground: MeshGround, path: Path, field: str) -> None:
+    """Raise if a mesh is no ground to stand on.
+
+    Args:
+        ground: The ground.
+        path: The file.
+        field: Name of the file's field in errors.
+
+    Raises:
+        InvalidInputError: Its extent is no stage's; or its triangles are vertical, lie far apart,
+            or are too small for float32 at that extent.
+    """
     check_extent(ground, path, field)
-    check_cover(ground, path, field)
-    check_resolution(ground, path, field)
+    _check_cover(ground, path, field)
+    _check_resolution(ground, path, field)
 
 
 def check_extent(ground: Ground, path: Path, field: str) -> None:
@@ -117,17 +132,8 @@ def check_extent(ground: Ground, path: Path, field: str) -> None:
         raise InvalidInputError(field, str(path), expected)
 
 
-def check_cover(ground: MeshGround, path: Path, field: str) -> None:
-    """Raise if a mesh has hardly any surface seen from above, such as a vertical wall.
-
-    Args:
-        ground: The ground.
-        path: The file.
-        field: Name of the file's field in errors.
-
-    Raises:
-        InvalidInputError: Its triangles are vertical, or lie far apart.
-    """
+def _check_cover(ground: MeshGround, path: Path, field: str) -> None:
+    """Raise if a mesh has hardly any surface seen from above, such as a vertical wall."""
     x0, y0, x1, y1 = ground.extent_m
     covered_m2 = len(ground.corners) * ground.spacing_m**2 / 2
     if not covered_m2 >= LEAST_SHARE * (x1 - x0) * (y1 - y0):
@@ -139,17 +145,8 @@ def check_cover(ground: MeshGround, path: Path, field: str) -> None:
         raise InvalidInputError(field, str(path), expected)
 
 
-def check_resolution(ground: MeshGround, path: Path, field: str) -> None:
-    """Raise if float32 does not resolve a mesh's triangles where they lie.
-
-    Args:
-        ground: The ground.
-        path: The file.
-        field: Name of the file's field in errors.
-
-    Raises:
-        InvalidInputError: Its extent is too large for its triangles.
-    """
+def _check_resolution(ground: MeshGround, path: Path, field: str) -> None:
+    """Raise if float32 does not resolve a mesh's triangles where they lie."""
     if np.spacing(np.abs(ground.points_m).max()) <= MAX_STEP_M:
         return
     blurred, coarsest_m = 0, 0.0

@@ -22,11 +22,7 @@ from oaisys_core.procedural.meshes.files import load_mesh
 from oaisys_core.procedural.meshes.loaded import LoadedMesh
 from oaisys_core.procedural.terrain.dem import ImportedGround, import_dem
 from oaisys_core.procedural.terrain.detail import Detail
-from oaisys_core.procedural.terrain.ground_checks import (
-    check_cover,
-    check_extent,
-    check_resolution,
-)
+from oaisys_core.procedural.terrain.ground_checks import check_surface
 from oaisys_core.procedural.terrain.landscapes.eroded import erode_ground
 from oaisys_core.procedural.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.procedural.terrain.presets import check_preset, make_ground
@@ -234,14 +230,11 @@ def load_mesh_ground(config: StageMeshConfig) -> MeshGround:
     """Return the ground that a mesh in a file is.
 
     Raises:
-        InvalidInputError: See `load_stage_mesh` and `mesh_ground`; or its extent is no stage's,
-            its triangles are vertical, or too small for float32 at that extent.
+        InvalidInputError: See `load_stage_mesh`, `mesh_ground` and `check_surface`.
     """
     mesh = load_stage_mesh(config)
     ground = mesh_ground(mesh, config.scale, config.up, config.position_m)
-    check_extent(ground, config.file, "stage.mesh.file")
-    check_cover(ground, config.file, "stage.mesh.file")
-    check_resolution(ground, config.file, "stage.mesh.file")
+    check_surface(ground, config.file, "stage.mesh.file")
     return ground
 
 
