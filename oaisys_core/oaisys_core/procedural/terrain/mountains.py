@@ -48,7 +48,7 @@ def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     cone = np.exp(-np.power(radius / 0.45, 1.5)).astype(np.float32)
     ridges = fractal(wx, wy, rng, octaves=6, kind="ridged", gain=0.42)
     hill = cone * (0.62 + 0.5 * ridges) + 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    rock_m = _with_joints(spec, scale_to_relief(hill, height_m), height_m, rng)
+    rock_m = _with_joints_and_soil(spec, scale_to_relief(hill, height_m), height_m, rng)
     large_m = scale_to_relief(rock_m, height_m)
     return subtract_median(large_m + 0.6 * spec.roughness * unevenness(spec, rng))
 
@@ -126,18 +126,17 @@ def _finish(
     crags = fractal(x, y, rng, octaves=4, kind="ridged", gain=0.5)
     bare = np.clip(large_m / max(height_m, 1e-9) * 1.6 - 0.25, 0, 1)
     rocky_m = 0.06 * height_m * bare * (crags - 0.45)
-    rock_m = _with_joints(spec, large_m + rocky_m, height_m, rng)
+    rock_m = _with_joints_and_soil(spec, large_m + rocky_m, height_m, rng)
     return subtract_median(rock_m + 0.6 * spec.roughness * unevenness(spec, rng))
 
 
-def _with_joints(
+def _with_joints_and_soil(
     spec: GroundSpec, large_m: Elevation, height_m: float, rng: np.random.Generator
 ) -> FloatArray:
     """Return a mountain whose steep rock is broken into blocks, with soil on gentle slopes."""
     block_m = min(BLOCK * height_m, LARGEST_BLOCK_M)
     rock_m = break_rock(large_m.astype(np.float64), spec.spacing_m, block_m, rng)
-    lengths_m = [share * height_m for share in MANTLE]
-    return lay_mantle(rock_m, spec.spacing_m, lengths_m, MANTLE_DEG)
+    return lay_mantle(rock_m, spec.spacing_m, height_m, MANTLE, MANTLE_DEG)
 
 
 def _softly_above(height_m: FloatArray, floor_m: float, soft_m: float) -> FloatArray:

@@ -122,10 +122,10 @@ def in_clumps(density: Density, size_m: float, ground: Ground, rng: np.random.Ge
     """
     x0, y0, x1, y1 = ground.extent_m
     extent_m = max(x1 - x0, y1 - y0)
-    longest, shortest = (max(extent_m / (each * size_m), 1.0) for each in reversed(CLUMP_SIZES))
+    highest, lowest = (max(extent_m / (each * size_m), 1.0) for each in CLUMP_SIZES)
     least_px, most_px = CLUMPS_PX
-    size_px = int(np.clip(2 ** np.ceil(np.log2(4 * shortest)), least_px, most_px))
-    noise = noise_band(size_px, longest, max(shortest, 2 * longest), rng)
+    size_px = int(np.clip(2 ** np.ceil(np.log2(4 * highest)), least_px, most_px))
+    noise = noise_band(size_px, lowest, max(highest, 2 * lowest), rng)
     share = np.exp(CLUMPED * (np.minimum(noise, DENSEST) - DENSEST))
     return lambda xy: density(xy) * bilinear(share, ground, xy)
 

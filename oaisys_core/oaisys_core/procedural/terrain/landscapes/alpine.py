@@ -20,6 +20,7 @@ from oaisys_core.procedural.terrain.processes.exact import tangent
 from oaisys_core.procedural.terrain.processes.flow import edge_cells, route
 from oaisys_core.procedural.terrain.processes.ice import moraine, troughs_around
 from oaisys_core.procedural.terrain.processes.mantle import lay_mantle
+from oaisys_core.procedural.terrain.processes.slopes import steepness
 from oaisys_core.types import FloatArray
 
 PLAN = ((80, 1.2), (24, 0.17), (12, 0.045), (5, 0.01))
@@ -56,9 +57,9 @@ def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         z = np.where(outlets, 0.0, z)
         if size_px == ICE_PX:
             z = _glaciate(z, spacing_m, height_m, rng)
-        if size_px > ICE_PX:
+        elif size_px > ICE_PX:
             # Before the last water, which cuts gullies into it.
-            z = lay_mantle(z, spacing_m, [share * height_m for share in MANTLE], MANTLE_DEG)
+            z = lay_mantle(z, spacing_m, height_m, MANTLE, MANTLE_DEG)
         rises = 1.0 if size_px < ICE_PX else 0.0
         erosion = Erosion(
             age=age,
@@ -71,8 +72,7 @@ def alpine(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
         if size_px > COARSEST_PX:
             z = _shed(z, spacing_m, height_m, domain.at_size(crags, size_px), rng)
     rock_m = _break_walls(domain.cut(z, spec), spec, height_m, rng)
-    lengths_m = [share * height_m for share in LEDGES]
-    covered_m = lay_mantle(rock_m, spec.spacing_m, lengths_m, MANTLE_DEG)
+    covered_m = lay_mantle(rock_m, spec.spacing_m, height_m, LEDGES, MANTLE_DEG)
     return subtract_median(covered_m + spec.roughness * 0.3 * unevenness(spec, rng))
 
 
@@ -118,8 +118,7 @@ def _shed(
     z: FloatArray, spacing_m: float, height_m: float, crags: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Return the ground with rough rock walls, and the debris that fell from them."""
-    up = np.gradient(z, spacing_m)
-    steep = np.clip(np.sqrt(up[0] ** 2 + up[1] ** 2) - 0.6, 0.0, 0.6)
+    steep = np.clip(steepness(z, spacing_m) - 0.6, 0.0, 0.6)
     z = z + 0.02 * height_m * steep * (crags - 0.8)
     shed_m, _ = drop_debris(
         z,

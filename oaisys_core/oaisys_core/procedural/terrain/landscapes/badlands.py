@@ -14,9 +14,8 @@ from oaisys_core.procedural.terrain.landform import (
     unevenness,
 )
 from oaisys_core.procedural.terrain.landscapes.domain import Domain, domain_of, stages_of
-from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.beds import draw_beds, draw_lift
-from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, upsample
+from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, grain, upsample
 from oaisys_core.procedural.terrain.processes.flow import edge_cells
 from oaisys_core.types import FloatArray
 
@@ -39,7 +38,7 @@ def badlands(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     for size_px, steps, age in stages_of(domain, PLAN):
         outlets = edge_cells((size_px, size_px)) & (domain.at_size(tilt, size_px) < -0.35)
         z = _begin(domain, plateau_m, size_px) if not z.size else upsample(z, size_px, rng)
-        z = np.where(outlets, 0.0, z + _grain(size_px, 0.004 * height_m, rng))
+        z = np.where(outlets, 0.0, z + grain(z.shape, 0.004 * height_m, rng))
         result = erode(
             z,
             domain.spacing_m(size_px),
@@ -55,9 +54,3 @@ def badlands(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 def _begin(domain: Domain, plateau_m: FloatArray, size_px: int) -> FloatArray:
     return domain.at_size(plateau_m, size_px).copy()
-
-
-def _grain(size_px: int, amplitude_m: float, rng: np.random.Generator) -> FloatArray:
-    """Return relief of a few cells, along which new rills begin."""
-    x, y = grid(size_px / 4.0, size_px, 1.0)
-    return np.asarray(amplitude_m * fractal(x, y, rng, octaves=2), np.float64)

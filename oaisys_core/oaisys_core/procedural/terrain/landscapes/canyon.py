@@ -15,11 +15,8 @@ from oaisys_core.procedural.terrain.landform import (
 )
 from oaisys_core.procedural.terrain.landscapes.domain import Domain, domain_of, stages_of
 from oaisys_core.procedural.terrain.noise import fractal, grid
-from oaisys_core.procedural.terrain.processes.bedrock import (
-    bend_to_joints,
-    lay_talus,
-)
-from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, upsample
+from oaisys_core.procedural.terrain.processes.bedrock import bend_to_joints, lay_talus
+from oaisys_core.procedural.terrain.processes.evolution import Erosion, erode, grain, upsample
 from oaisys_core.procedural.terrain.processes.exact import draw_direction
 from oaisys_core.procedural.terrain.processes.mantle import lay_mantle
 from oaisys_core.types import FloatArray
@@ -69,8 +66,7 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     # SciPy's filter has the same bits in all versions; OpenCV's has not.
     rock_m = scipy.ndimage.gaussian_filter(rock_m, CLIFF_CELLS, mode="nearest")
     covered_m = lay_talus(rock_m, spec.spacing_m, TALUS * depth_m, rng)
-    lengths_m = [share * depth_m for share in MANTLE]
-    covered_m = lay_mantle(covered_m, spec.spacing_m, lengths_m, MANTLE_DEG)
+    covered_m = lay_mantle(covered_m, spec.spacing_m, depth_m, MANTLE, MANTLE_DEG)
     return subtract_median(covered_m + spec.roughness * 0.4 * unevenness(spec, rng))
 
 
@@ -87,8 +83,7 @@ def _cut_valleys(domain: Domain, depth_m: float, rng: np.random.Generator) -> Fl
     for size_px, steps, age in stages_of(domain, PLAN):
         outlets = domain.at_size(beside_floor, size_px) < 0
         z = upsample(z, size_px, rng) if z.size else domain.at_size(plateau_m, size_px)
-        x, y = grid(size_px / 4.0, size_px, 1.0)
-        z = np.where(outlets, 0.0, z + 0.004 * depth_m * fractal(x, y, rng, octaves=2))
+        z = np.where(outlets, 0.0, z + grain(z.shape, 0.004 * depth_m, rng))
         erosion = Erosion(
             age=age, deposition=0.4, repose_deg=WALL_DEG, creep_m2=4e-7 * domain.extent_m**2
         )

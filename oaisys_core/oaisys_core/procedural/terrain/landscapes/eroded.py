@@ -10,7 +10,6 @@ import scipy
 from oaisys_core.config.sections.erosion import ErosionConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.procedural.terrain.landscapes.kept import make_once
-from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.beds import Beds, draw_beds, draw_lift
 from oaisys_core.procedural.terrain.processes.evolution import (
     BEND,
@@ -18,6 +17,7 @@ from oaisys_core.procedural.terrain.processes.evolution import (
     Erosion,
     bend_shifts,
     erode,
+    grain,
 )
 from oaisys_core.procedural.terrain.processes.exact import tangent
 from oaisys_core.scene import HeightField
@@ -106,7 +106,7 @@ def _erode_all(
         index = min(halving, len(STEPS) - 1)
         age = config.age * AGES[index] / (1 if index < len(STEPS) - 1 else len(halvings) - index)
         result = erode(
-            start_m + change_m + _grain(start_m.shape, GRAIN * step * spacing_m, rng),
+            start_m + change_m + grain(start_m.shape, GRAIN * step * spacing_m, rng),
             step * spacing_m,
             replace(erosion, age=age),
             rng,
@@ -154,13 +154,6 @@ def _finer(
     col = np.arange(cols)[None, :] / factor + shifts[1][:rows, :cols]
     at = np.stack((row, col))
     return np.asarray(scipy.ndimage.map_coordinates(change_m, at, order=3, mode="nearest"))
-
-
-def _grain(shape: tuple[int, ...], amplitude_m: float, rng: np.random.Generator) -> FloatArray:
-    size = max(shape)
-    x, y = grid(size / 4.0, size, 1.0)
-    noise = fractal(x, y, rng, octaves=2)[: shape[0], : shape[1]]
-    return np.asarray(amplitude_m * noise, np.float64)
 
 
 def _with_means_of(before_m: FloatArray, after_m: FloatArray, pixel: float) -> FloatArray:

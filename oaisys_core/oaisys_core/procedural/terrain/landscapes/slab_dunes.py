@@ -8,6 +8,7 @@ import scipy
 from oaisys_core.procedural.terrain.landform import Elevation, GroundSpec, subtract_median
 from oaisys_core.procedural.terrain.noise import fractal
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
+from oaisys_core.procedural.terrain.processes.slopes import steepness
 from oaisys_core.procedural.terrain.processes.wind import blow
 from oaisys_core.types import FloatArray
 
@@ -77,7 +78,5 @@ def _ripples(
     wave = np.where(share < 0.65, share / 0.65, (1 - share) / 0.35)
     wave = wave * wave * (3 - 2 * wave)
     height = 0.75 + 0.5 * fractal(along / 4.0, across / 4.0, rng, octaves=2)
-    up = np.gradient(large_m, spacing_m)
-    slope = np.sqrt(up[0] ** 2 + up[1] ** 2)
-    shown = np.clip((0.52 - slope) / 0.1, 0.0, 1.0)
+    shown = np.clip((0.52 - steepness(large_m, spacing_m)) / 0.1, 0.0, 1.0)
     return np.asarray(RIPPLE_HEIGHT_M * wave_m / RIPPLE_M * height * wave * shown)

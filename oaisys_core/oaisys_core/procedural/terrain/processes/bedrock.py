@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
-from oaisys_core.procedural.terrain.processes.slopes import DIAGONAL, bound_rises
+from oaisys_core.procedural.terrain.processes.slopes import DIAGONAL, bound_rises, steepness
 from oaisys_core.types import FloatArray
 
 LARGEST_BLOCK_M = 4.0
@@ -122,8 +122,7 @@ def bareness(
     """Return (rows, cols) from 0, soil or debris, to 1, bare rock: steep ground, in patches."""
     size_px, extent_m = len(z), spacing_m * (len(z) - 1)
     smooth_m = scipy.ndimage.gaussian_filter(z, 0.25 * patch_m / spacing_m, mode="nearest")
-    up = np.gradient(smooth_m, spacing_m)
-    slope = np.sqrt(up[0] ** 2 + up[1] ** 2)
+    slope = steepness(smooth_m, spacing_m)
     x, y = grid(extent_m, size_px, 3.0 * patch_m)
     patches = fractal(x, y, rng, octaves=4, gain=0.6).astype(np.float64)
     least, most = (tangent(angle) for angle in BARE_DEG)

@@ -11,7 +11,7 @@ from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.beds import Beds
 from oaisys_core.procedural.terrain.processes.exact import tangent
 from oaisys_core.procedural.terrain.processes.flow import Mask, route
-from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide
+from oaisys_core.procedural.terrain.processes.slopes import diffuse, slide, steepness
 from oaisys_core.procedural.terrain.processes.stream_power import run_water
 from oaisys_core.types import FloatArray
 
@@ -114,8 +114,15 @@ def erode(
 
 def _uneven(z: FloatArray, roughness: FloatArray) -> FloatArray:
     """Return heights on which water wanders as over stones, the more the steeper the slope."""
-    up = np.gradient(z)
-    return np.asarray(z + roughness * np.sqrt(up[0] ** 2 + up[1] ** 2))
+    return np.asarray(z + roughness * steepness(z, 1.0))
+
+
+def grain(shape: tuple[int, ...], amplitude_m: float, rng: np.random.Generator) -> FloatArray:
+    """Return (rows, cols) relief of a few cells, along which rills begin."""
+    size_px = max(shape)
+    x, y = grid(size_px / 4.0, size_px, 1.0)
+    noise = fractal(x, y, rng, octaves=2)[: shape[0], : shape[1]]
+    return np.asarray(amplitude_m * noise, np.float64)
 
 
 def bend_shifts(

@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from oaisys_core.procedural.terrain.processes.exact import tangent
+from oaisys_core.procedural.terrain.processes.slopes import steepness
 from oaisys_core.types import FloatArray
 
 THICKNESS = 0.18
@@ -28,25 +29,30 @@ LEAST_CELLS = 1.5
 
 
 def lay_mantle(
-    elevation_m: FloatArray, spacing_m: float, lengths_m: Sequence[float], repose_deg: float
+    elevation_m: FloatArray,
+    spacing_m: float,
+    height_m: float,
+    lengths: Sequence[float],
+    repose_deg: float,
 ) -> FloatArray:
     """Return (rows, cols) heights of a ground after soil and debris have filled its hollows.
 
     Args:
         elevation_m: (rows, cols) heights of the rock.
         spacing_m: Distance between cells.
-        lengths_m: Standard deviations of the Gaussians by which the mantle is smooth, the longest
-            first: of debris, and of soil on its ledges.
+        height_m: Height of the landform.
+        lengths: Standard deviations of the Gaussians by which the mantle is smooth, in that height,
+            the longest first: of debris, and of soil on its ledges.
         repose_deg: Slope from which on the mantle is thinner than the rock is uneven.
     """
     z = elevation_m.astype(np.float64)
-    for length_m in lengths_m:
+    for length in lengths:
+        length_m = length * height_m
         cells = length_m / spacing_m
         if cells < LEAST_CELLS:
             continue
         mean_m = scipy.ndimage.gaussian_filter(z, cells, mode="nearest")
-        up = np.gradient(mean_m, spacing_m)
-        slope = np.sqrt(up[0] ** 2 + up[1] ** 2)
-        rise = np.clip(STEEPENING * (tangent(repose_deg) - slope), -DEPTH, THICKNESS)
+        gentler = tangent(repose_deg) - steepness(mean_m, spacing_m)
+        rise = np.clip(STEEPENING * gentler, -DEPTH, THICKNESS)
         z = np.maximum(z, mean_m + length_m * rise)
     return z

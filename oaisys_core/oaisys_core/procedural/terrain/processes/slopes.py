@@ -14,6 +14,12 @@ DIAGONAL = 1.25
 """Mean distance, in cells, to the eight cells around, for octagons within 4 % of circles."""
 
 
+def steepness(elevation_m: FloatArray, spacing_m: float) -> FloatArray:
+    """Return the (rows, cols) tangents of the steepest slopes at the cells of a ground."""
+    up = np.gradient(elevation_m, spacing_m)
+    return np.asarray(np.sqrt(up[0] ** 2 + up[1] ** 2))
+
+
 def diffuse(elevation_m: FloatArray, spacing_m: float, amount_m2: float) -> FloatArray:
     """Return the ground after linear hillslope diffusion (Culling 1960), which keeps its mass.
 

@@ -66,12 +66,11 @@ def test_stones_are_no_objects_no_heights_and_no_ground_truth() -> None:
 
 
 def test_no_stones_lie_on_steep_ground() -> None:
-    world = stony_world(GRAVEL, stones=True, preset="canyon")
+    world = stony_world(GRAVEL, stones=True, preset="mesa")
     xy_m = poses(cover(world, on_stage=True))[:, :2, 3]
     ground, along = world.scene.ground, np.array((0.01, 0.0))
     dx = ground.height_at(xy_m + along) - ground.height_at(xy_m - along)
     dy = ground.height_at(xy_m + along[::-1]) - ground.height_at(xy_m - along[::-1])
     slope_deg = np.degrees(np.arctan(np.hypot(dx, dy) / (2 * along[0])))
     assert len(xy_m) > 50
-    # Beside an edge of a bench, the difference is partly that of the wall.
-    assert np.quantile(slope_deg, 0.98) < 42
+    assert np.quantile(slope_deg, 0.99) < 42
