@@ -189,6 +189,15 @@ def poses_of_trajectory(
     return [in_map(_pose_of(point.transforms[0])) for point in chosen]
 
 
+def drive_changes(drive_json: str) -> dict[str, Any]:
+    """Return the keys of the section ``drive`` that a goal replaces; none if the text is empty.
+
+    Raises:
+        InvalidInputError: It is no JSON object.
+    """
+    return json_object("drive_json", drive_json) if drive_json.strip() else {}
+
+
 def drive_request(goal: Drive.Goal, frames: FrameHistory) -> DriveRequest:
     """Return the drive that a goal asks for.
 
@@ -199,7 +208,7 @@ def drive_request(goal: Drive.Goal, frames: FrameHistory) -> DriveRequest:
     Raises:
         InvalidInputError: Wrong frame, a point without a transform, or no JSON object.
     """
-    changes = json_object("drive_json", goal.drive_json) if goal.drive_json.strip() else {}
+    changes = drive_changes(goal.drive_json)
     trajectory = goal.trajectory
     if not trajectory.points:
         return DriveRequest(None, changes, list(goal.sensors))

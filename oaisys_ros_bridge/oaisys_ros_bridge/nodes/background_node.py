@@ -11,13 +11,12 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
-from oaisys_ros_bridge.guarded_node import GuardedNode
-from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
-from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
+from oaisys_ros_bridge.nodes.node_start import start_node
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.parameters.table import ParameterTable
 
 CLOSE_TIMEOUT_S = 2.0
 LOOK_UP_S = 0.2
@@ -41,16 +40,13 @@ class BackgroundNode:
 
         Args:
             name: Of the node.
-            arguments: ROS arguments, beginning with ``--ros-args``.
+            arguments: Of the program, without its name; ROS's begin with ``--ros-args``.
 
         Raises:
             InvalidInputError: ROS cannot use these arguments.
+            ShortageError: This process may not have what the node needs.
         """
-        prepare_transport()
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        with check_ros_arguments(arguments):
-            self.node = GuardedNode(name, cli_args=list(arguments))
-        hide_shared_memory()
+        self.node = start_node(lambda: _node_without_parameters(name), arguments)
         self.changed = threading.Condition()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
@@ -135,6 +131,12 @@ class BackgroundNode:
                 self._executor.spin_once(timeout_sec=LOOK_UP_S)
         except ExternalShutdownException:
             return
+
+
+def _node_without_parameters(name: str) -> ParameterNode:
+    node = ParameterNode(name)
+    node.declare_table(ParameterTable(()))
+    return node
 
 
 def result_of(future: Future, name: str, timeout_s: float) -> Any:

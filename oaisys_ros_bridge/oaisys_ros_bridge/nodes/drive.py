@@ -12,7 +12,7 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 from std_msgs.msg import Bool
 
-from oaisys_core.errors import DeadlineExceededError, InvalidInputError
+from oaisys_core.errors import DeadlineExceededError, InvalidInputError, ShortageError
 from oaisys_core.system.ending.signals import (
     RECEIVED,
     end_at_signal,
@@ -22,6 +22,7 @@ from oaisys_core.system.ending.signals import (
 )
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.bags.recorder_client import RecorderClient
+from oaisys_ros_bridge.bridge.requests import drive_changes
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
 from oaisys_ros_bridge.nodes.program_arguments import parse_arguments, program_parser
 from oaisys_ros_bridge.qos import LATCHED_QOS
@@ -42,7 +43,7 @@ class DriveClient(BackgroundNode):
     """Asks for a drive and reports its progress; a context manager.
 
     Args:
-        arguments: ROS arguments, beginning with ``--ros-args``.
+        arguments: Of the program, without its name; ROS's begin with ``--ros-args``.
         wait_for_recorder: Whether to wait until this package's recorder hears the bridge.
     """
 
@@ -116,8 +117,8 @@ def verdict(result: Drive.Result) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive once; return 0, or 1 if the drive failed or a measurement is missing.
 
-    It returns 2 where ROS cannot use its arguments, and 128 and the signal's number where a signal
-    has ended it, after the drive is cancelled.
+    It returns 2 where ROS cannot use its arguments or ``--drive-json`` is no JSON object, and 128
+    and the signal's number where a signal has ended it, after the drive is cancelled.
     """
     about = "Asks the bridge for one drive, says what was measured, and ends with an exit code."
     parser = program_parser("drive", about, "--sensors front --ros-args -r __ns:=/mars")
@@ -136,10 +137,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     goal = Drive.Goal(drive_json=options.drive_json, sensors=[s for s in options.sensors if s])
     code = 1
     try:
+        drive_changes(options.drive_json)
         interrupt_at_signals()
-        with DriveClient(arguments, wait_for_recorder=options.wait_for_recorder) as client:
+        with DriveClient(arguments[1:], wait_for_recorder=options.wait_for_recorder) as client:
             code = verdict(client.drive(goal))
-    except (DeadlineExceededError, InvalidInputError) as error:
+    except (DeadlineExceededError, InvalidInputError, ShortageError) as error:
         sys.stderr.write(f"drive: {error}\n")
         code = 2 if isinstance(error, InvalidInputError) else 1
     except KeyboardInterrupt:

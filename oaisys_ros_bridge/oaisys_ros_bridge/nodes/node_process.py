@@ -11,18 +11,14 @@ from queue import SimpleQueue
 from typing import Protocol
 
 import rclpy
-from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import OaisysError, ShortageError
 from oaisys_core.system.ending.signals import end_service_at_signals, exit_at_once
-from oaisys_core.system.shortages import shortage
-from oaisys_ros_bridge.nodes.program_arguments import check_ros_arguments
+from oaisys_ros_bridge.nodes.node_start import start_node
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.services import is_any_request_served
-from oaisys_ros_bridge.transport import hide_shared_memory, prepare_transport
 
 CALLBACKS_END_S = 3.0
 """How long callbacks may take to end before their publishers are destroyed."""
@@ -89,20 +85,12 @@ def run_node(
     faulthandler.enable()
     stop = stop or threading.Event()
     stop_on_signals(stop)
-    prepare_transport()
-    given = list(sys.argv if arguments is None else arguments)
+    given = sys.argv if arguments is None else arguments
     try:
-        with check_ros_arguments(given[1:]):
-            rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
-            node = make_node()
-            hide_shared_memory()
-    except (OaisysError, MemoryError, OSError, ParameterException, RuntimeError) as error:
-        rclpy.try_shutdown()
-        lack = shortage(error)
-        if lack is None and isinstance(error, RuntimeError):
-            raise
-        sys.stderr.write(f"{lack or error}\n")
-        return 2 if lack is None else 1
+        node = start_node(make_node, given[1:])
+    except (OaisysError, OSError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 1 if isinstance(error, ShortageError) else 2
     try:
         code = _run_until(stop, node, threads)
     finally:

@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from rclpy.exceptions import NameValidationException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.impl import implementation_singleton
 
 from oaisys_core.system.fallbacks import report_fallback
 
+PUBLIC = NameValidationException, ParameterException, UnicodeEncodeError
+"""Errors that need no private part: of names, of one's own parameters, of what is no UTF-8."""
+
 NAMES = "RCLError", "UnknownROSArgsError"
-"""Names of the errors."""
+"""Names of the others."""
 
 
 def argument_errors() -> tuple[type[Exception], ...]:
@@ -27,4 +30,4 @@ def argument_errors() -> tuple[type[Exception], ...]:
         reason = f"rclpy has no {' or no '.join(NAMES)}"
         report_fallback("rclpy's errors", reason, "every RuntimeError counts as one of arguments")
         found = [RuntimeError]
-    return (*(each for each in found if each is not None), NameValidationException)
+    return (*(each for each in found if each is not None), *PUBLIC)

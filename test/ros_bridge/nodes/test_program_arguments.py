@@ -8,7 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from waiting import PATIENCE_S
+from ros_peer import Stage
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_ros_bridge.nodes import bridge, drive, mapper, player, recorder
 from oaisys_ros_bridge.parameters.reference import NODES
@@ -33,7 +34,15 @@ MALFORMED = (
     ["--params-file", "/nonexistent"],
     ["--log-level", "loud"],
     ["--no-such"],
+    ["-p", "rate:=\udcff"],
 )
+MALFORMED_FOR_A_NODE = (
+    ["-p", "use_sim_time:=maybe"],
+    ["-p", "start_type_description_service:=5"],
+    ["-e", "relative"],
+    ["--log-config-file", "/nonexistent"],
+)
+"""What ROS takes for arguments until a node is to be made of them."""
 
 
 def end(program: Callable[..., int], *arguments: str) -> int:
@@ -91,7 +100,42 @@ def test_arguments_that_ros_cannot_use_are_exit_2(
         assert "/project/" not in text
 
 
-@pytest.mark.parametrize("executable", ["bridge", "mapper"])
+@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize("arguments", MALFORMED_FOR_A_NODE, ids=" ".join)
+def test_arguments_of_which_no_node_can_be_made_are_exit_2(
+    name: str, arguments: list[str], ros_domain_id: int
+) -> None:
+    """The drive program had a traceback, or took them without a word."""
+    command = [sys.executable, "-P", "-m", f"oaisys_ros_bridge.nodes.{name}", "--ros-args"]
+    ended = subprocess.run(
+        [*command, *arguments], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    (sentence,) = ended.stderr.splitlines()
+    assert f"arguments: received '--ros-args {' '.join(arguments)}', expected what ROS" in sentence
+    assert ended.returncode == 2
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_every_program_names_parameters_that_its_node_does_not_have(
+    name: str, stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    log = stage.start_node(name, "--ros-args", "-p", "adress:=x").log
+    wait_until(lambda: "parameter 'adress' is unknown here" in log.read_text())
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "NaN", '{"duration_s": NaN}'])
+def test_keys_of_a_drive_are_read_before_anything_waits(
+    text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    """They were looked at after a bridge was ready, for which it waits five minutes."""
+    monkeypatch.setattr(drive, "DriveClient", None)
+    assert drive.main(["drive", "--drive-json", text]) == 2
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert sentence.startswith(f"drive: drive_json: received {text!r}, expected a JSON object")
+
+
+@pytest.mark.parametrize("executable", ["bridge", "drive", "mapper"])
 def test_too_few_files_for_a_node_are_a_sentence(executable: str, ros_domain_id: int) -> None:
     limited = ["bash", "-c", 'ulimit -n 20; exec "$@"', "--"]
     command = [sys.executable, "-P", "-m", f"oaisys_ros_bridge.nodes.{executable}"]
