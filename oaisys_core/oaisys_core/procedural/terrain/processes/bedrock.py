@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.procedural.terrain.noise import fractal, grid
-from oaisys_core.procedural.terrain.processes.exact import draw_direction, tangent
+from oaisys_core.procedural.terrain.processes.exact import draw_direction, smooth, tangent
 from oaisys_core.procedural.terrain.processes.slopes import DIAGONAL, bound_rises, steepness
 from oaisys_core.types import FloatArray
 
@@ -86,7 +86,7 @@ def break_rock(
         if edge_m >= LEAST_CELLS * spacing_m:
             drawn = randomness.child(rng, f"joints/{index}")
             z = _stepped(z, spacing_m, edge_m, bare, drawn)
-    worn = scipy.ndimage.gaussian_filter(z, WORN_CELLS, mode="nearest", truncate=3.0)
+    worn = smooth(z, WORN_CELLS, truncate=3.0)
     return np.asarray(z + bare * (worn - z))
 
 
@@ -121,7 +121,7 @@ def bareness(
 ) -> FloatArray:
     """Return (rows, cols) from 0, soil or debris, to 1, bare rock: steep ground, in patches."""
     size_px, extent_m = len(z), spacing_m * (len(z) - 1)
-    smooth_m = scipy.ndimage.gaussian_filter(z, 0.25 * patch_m / spacing_m, mode="nearest")
+    smooth_m = smooth(z, 0.25 * patch_m / spacing_m)
     slope = steepness(smooth_m, spacing_m)
     x, y = grid(extent_m, size_px, 3.0 * patch_m)
     patches = fractal(x, y, rng, octaves=4, gain=0.6).astype(np.float64)

@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
 
-from oaisys_core.procedural.terrain.processes.exact import tangent
+from oaisys_core.procedural.terrain.processes.exact import smooth, tangent
 from oaisys_core.procedural.terrain.processes.slopes import steepness
 from oaisys_core.types import FloatArray
 
@@ -51,7 +50,7 @@ def lay_mantle(
         cells = length_m / spacing_m
         if cells < LEAST_CELLS:
             continue
-        mean_m = scipy.ndimage.gaussian_filter(z, cells, mode="nearest")
+        mean_m = smooth(z, cells)
         gentler = tangent(repose_deg) - steepness(mean_m, spacing_m)
         rise = np.clip(STEEPENING * gentler, -DEPTH, THICKNESS)
         z = np.maximum(z, mean_m + length_m * rise)

@@ -11,7 +11,7 @@ from oaisys_core.procedural.terrain.presets import SHAPED, make_ground
 from tools.gallery.geomorphometry import concavity, crater_exponents, measure
 
 DIGESTS = {
-    "alpine": "e4ccd8f9693a0e55",
+    "alpine": "69af944422b276a1",
     "badlands": "d30d5b46b6b8f9ab",
     "canyon": "73d2c161e7efd7f6",
     "crater_field": "e80f6146d4707292",
