@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from oaisys_core.raycast.mesh_textures import MeshTextures
 from oaisys_core.raycast.triangles import TriangleTarget
 from oaisys_core.scene import MeshPrototype, Placement, id_of_level
+from oaisys_core.scene.objects import ids_in_images
 from oaisys_core.types import FloatArray, TriangleMesh
 
 
@@ -62,10 +63,10 @@ class PlacedPrototype:
         return self.mesh.triangle_count * len(self.placement.T_map_object)
 
     def merge(self) -> TriangleMesh:
-        """Return one mesh of all instances, with ids per triangle."""
+        """Return one mesh of all instances, with ids per triangle as images show them."""
         mesh = TriangleMesh(self.mesh.vertices_m, self.mesh.prototype.triangles)
         placement = self.placement
-        ids = placement.semantic_ids, placement.instance_ids
+        ids = placement.semantic_ids, ids_in_images(placement.instance_ids)
         return merge_instances(mesh, placement.T_map_object, *ids)
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.scene.terrain_material import PbrMaps
+from oaisys_core.scene.terrain_material import PbrMaps, TerrainMaterial
 from oaisys_core.types import (
     FloatArray,
     ShortRepr,
@@ -72,6 +72,8 @@ class MeshPrototype(ShortRepr):
         vertices_m: (V, 3) float32 in the object's frame, with the origin at the centre of its base.
         triangles: (T, 3) int32, counter-clockwise from outside.
         maps: Surface texture, projected from three sides (triplanar).
+        ground: Material of the ground, of one layer, if it is rock of the ground itself: it has the
+            colour of the ground at its place. With the ``maps`` of that layer.
         color_srgb: Uniform colour, used if there is no other.
         vertex_colors_srgb: (V, 3) uint8, interpolated over the triangles; not used with ``maps``.
         uv: (T, 3, 2) float32 texture coordinates of each triangle's corners in
@@ -94,6 +96,7 @@ class MeshPrototype(ShortRepr):
     vertices_m: NDArray[np.float32]
     triangles: NDArray[np.int32]
     maps: PbrMaps | None = None
+    ground: TerrainMaterial | None = None
     color_srgb: tuple[float, float, float] = (0.5, 0.5, 0.5)
     vertex_colors_srgb: NDArray[np.uint8] | None = None
     uv: NDArray[np.float32] | None = None
@@ -116,8 +119,9 @@ class MeshPrototype(ShortRepr):
         return (MeshMaterial(self.name, color_image_srgb=self.color_image_srgb),)
 
 
-FIRST_COVER_ID = 2**31
-"""Id from which on things belong to the ground; images of instances show 0 there."""
+FIRST_COVER_ID, FIRST_ROCK_FACE_ID = 2**31, 3 * 2**30
+"""Id from which on things belong to the ground, of which images of instances show 0; and that from
+which on they are rock of the ground itself."""
 
 
 def ids_in_images(instance_ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
@@ -152,9 +156,19 @@ class Placement(ShortRepr):
     def is_ground_cover(self) -> bool:
         """Whether they belong to the ground, as grass does: they are seen, and have its labels.
 
-        They are no instances to a user, and not part of heights nor of the ground truth mesh.
+        They are no instances to a user.
         """
         return len(self.instance_ids) > 0 and int(self.instance_ids[0]) >= FIRST_COVER_ID
+
+    @property
+    def is_rock_face(self) -> bool:
+        """Whether they belong to the ground and are rock: as hard as the ground itself."""
+        return len(self.instance_ids) > 0 and int(self.instance_ids[0]) >= FIRST_ROCK_FACE_ID
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether they are part of heights and of the ground truth mesh: neither grass nor land."""
+        return not self.on_land and (self.is_rock_face or not self.is_ground_cover)
 
 
 @dataclass(frozen=True, repr=False)

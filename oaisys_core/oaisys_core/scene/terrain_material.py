@@ -6,7 +6,7 @@ All coordinates are in ``map`` (metres, z up).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -94,6 +94,7 @@ class TerrainLayer:
         label_image: Labels that vary within a tile; None if they are ``semantic_ids`` everywhere.
         sward: The grass that stands on it, by name; None for none.
         loose_stones: The stones that lie on it, by name; None for none.
+        rock_faces: Whether its walls are of broken rock.
     """
 
     label: str
@@ -103,6 +104,7 @@ class TerrainLayer:
     label_image: LabelImage | None = None
     sward: str | None = None
     loose_stones: str | None = None
+    rock_faces: bool = False
 
     def ids_at(self, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:
         """Return (N,) ids of the layer at (N, 2) points, by the texture sample of most weight."""
@@ -204,6 +206,11 @@ class TerrainMaterial:
         lower, upper = m00 * (1 - s) + m10 * s, m01 * (1 - s) + m11 * s
         weights = np.asarray(lower * (1 - t) + upper * t).T
         return weights if self.land is None else self.land.blend(xy, weights)
+
+    def of_layer(self, layer: int) -> TerrainMaterial:
+        """Return a material that has one of the layers everywhere, and is as this one otherwise."""
+        masks = np.ones((1, 2, 2), np.float32)
+        return replace(self, layers=(self.layers[layer],), masks=masks, land=None)
 
     @cached_property
     def mean_luminance(self) -> float:

@@ -55,7 +55,7 @@ class ReferenceScene:
         parts += [
             _instances(scene.prototypes[placement.prototype], placement)
             for placement in scene.placements
-            if placement.on_land or placement.is_ground_cover
+            if not placement.is_solid
         ]
         self._stage_triangles = sum(len(part.triangles) for part in parts)
         if (land := scene.far_ground) is not None:

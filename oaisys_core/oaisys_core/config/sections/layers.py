@@ -141,6 +141,9 @@ class LookConfig(Section):
         loose_stones: Stones of 1 to 14 cm that lie on it, by the name of the texture with whose
             sizes and shapes they are, or ``none``; None for those of a built-in texture if
             ``materials.loose_stones`` is true, and none on others.
+        rock_faces: Whether its walls, steeper than about 45 degrees, are of broken rock, see
+            ``materials.rock_faces``; None for those of a built-in texture of rock if that is true,
+            and not on others.
     """
 
     texture: str = "gravel"
@@ -157,6 +160,7 @@ class LookConfig(Section):
     when: ConditionConfig | None = None
     sward: Literal["none", "turf", "grass"] | None = None
     loose_stones: LooseStones | None = None
+    rock_faces: bool | None = None
 
 
 class LayerConfig(Labelled, LookConfig):

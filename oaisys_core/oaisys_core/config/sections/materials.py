@@ -158,6 +158,11 @@ class MaterialsConfig(Section):
         macro_variation: Change of colour from metres to kilometres, as by dust and dampness, on the
             stage and beyond: 0 is none; at 1 the brightness has a standard deviation of 13 %.
         loose_stones: Whether stones lie on layers of stony built-in textures, see docs/worlds.md.
+        rock_faces: Whether walls of rock, basalt and bedrock are of broken rock: pieces of a metre
+            and more with beds, joints and overhangs, which a height field cannot have. They are
+            part of the ground in depth, labels and the ground truth mesh. By default true on the
+            presets alpine, canyon, large_terrain, mesa, mountain_1 and mountain_2, false on others
+            and on terrain of yours.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,
             rock, clay, grass or moss, and 1024 of all others.
         texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
@@ -180,6 +185,7 @@ class MaterialsConfig(Section):
     variation: VariationConfig = VariationConfig()
     macro_variation: Share = 0.5
     loose_stones: bool = False
+    rock_faces: bool = False
     texture_size_px: int | None = Field(default=None, ge=16, le=8192)
     texture_seed: int = Field(default=0, ge=0)
 

@@ -91,17 +91,16 @@ class PlacementTargets:
     def meshes(self) -> list[TriangleMesh]:
         """Return the meshes of all placements on the stage, with ids per triangle."""
         placed = (*self._static, *self._moving)
-        return [
-            each.merge()
-            for each in placed
-            if not (each.placement.on_land or each.placement.is_ground_cover)
-        ]
+        return [each.merge() for each in placed if each.placement.is_solid]
 
     def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
-        cover = [each for each in placed if each.placement.is_ground_cover]
+        faces = [each for each in placed if each.placement.is_rock_face]
+        on_ground = [each for each in placed if each.placement.is_ground_cover]
+        cover = [each for each in on_ground if not each.placement.is_rock_face]
         self._cover_targets = [self._instances(cover)] if cover else []
+        of_faces = [self._instances(faces)] if faces else []
         others = [each for each in placed if not each.placement.is_ground_cover]
-        return [*self._targets_of_objects(others), *self._cover_targets]
+        return [*self._targets_of_objects(others), *of_faces, *self._cover_targets]
 
     def _targets_of_objects(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
         self._merged = None

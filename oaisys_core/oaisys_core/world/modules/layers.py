@@ -35,6 +35,9 @@ from oaisys_core.procedural.textures.label_image import label_stones, load_label
 from oaisys_core.scene.terrain_material import LabelImage, PbrMaps, TerrainLayer
 from oaisys_core.scene.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
+BARE_ROCK = 0.9
+"""Least exposure of a built-in texture whose walls may be of broken rock."""
+
 FOLDER_TILE_M = 2.0
 """Edge length of a tile of a user's texture folder without ``tile_m``."""
 
@@ -106,7 +109,16 @@ class LayerLibrary:
         labels = _label_image(config, maps.tile_m, materials)
         tiling, sward = _tiling(config, rng), sward_of(config)
         stones = loose_stones_of(config, materials)
-        layer = TerrainLayer(config.label, config.semantic_ids, maps, tiling, labels, sward, stones)
+        layer = TerrainLayer(
+            config.label,
+            config.semantic_ids,
+            maps,
+            tiling,
+            labels,
+            sward,
+            stones,
+            rock_faces=breaks(config, materials),
+        )
         return DrawnLayer(config, layer, relief_m or 0.0)
 
     def _remember(self, key: str, make: Callable[[], PbrMaps]) -> PbrMaps:
@@ -228,6 +240,14 @@ def loose_stones_of(look: LookConfig, materials: MaterialsConfig) -> str | None:
     usual = look.texture if has_own and materials.loose_stones else None
     name = look.loose_stones or usual
     return None if name == "none" else name
+
+
+def breaks(look: LookConfig, materials: MaterialsConfig) -> bool:
+    """Return whether walls of a layer are of broken rock."""
+    if look.rock_faces is not None:
+        return look.rock_faces
+    is_rock = look.folder is None and texture_exposure(look.texture) >= BARE_ROCK
+    return materials.rock_faces and is_rock
 
 
 def _all_layers(materials: MaterialsConfig) -> Iterator[tuple[str, LayerConfig]]:

@@ -11,6 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from oaisys_core.raycast.solids import tessellate
+from oaisys_core.render.blender.materials.ground.material import GroundMaterials
 from oaisys_core.render.blender.materials.images import ImageStore
 from oaisys_core.render.blender.materials.mesh_materials import add_materials
 from oaisys_core.render.blender.materials.plants import plant_material
@@ -31,7 +32,7 @@ from oaisys_core.render.blender.objects.instances import (
 )
 from oaisys_core.render.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.render.shading.ground_contact import ContactGround, GroundContact
-from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene
+from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene, TerrainMaterial
 from oaisys_core.types import FloatArray
 
 INSTANCED_FROM = 64
@@ -98,6 +99,7 @@ class SceneObjects:
         self._images = images
         self._meshes: dict[int, tuple[MeshPrototype, Any]] = {}
         self._rock_materials: dict[tuple[int, float], Any] = {}
+        self._of_ground: dict[int, tuple[TerrainMaterial, Any]] = {}
         self._ground: ContactGround
         self._groups: list[ShownPlacement] = []
         self._solids: list[tuple[Primitive, Any]] = []
@@ -109,7 +111,7 @@ class SceneObjects:
         bpy.data.batch_remove([thing for _, thing in self._solids])
         self._groups, self._solids = [], []
         self._keep_meshes(set())
-        self._rock_materials = {}
+        self._rock_materials, self._of_ground = {}, {}
 
     def update(self, scene: Scene) -> None:
         """Take over the objects of a scene."""
@@ -186,6 +188,8 @@ class SceneObjects:
 
     def _material(self, prototype: MeshPrototype, mesh: Any) -> Any:
         maps = prototype.maps
+        if prototype.ground is not None:
+            return self._rock_of_ground(prototype.ground)
         if prototype.water is not None:
             paint_vertices(prototype, mesh, prototype.water.opacity)
             return water_material(prototype)
@@ -198,6 +202,16 @@ class SceneObjects:
         if key not in self._rock_materials:
             self._rock_materials[key] = rock_material(maps, self._images, prototype.dust_m)
         return self._rock_materials[key]
+
+    def _rock_of_ground(self, material: TerrainMaterial) -> Any:
+        """Return the ground's material for rock faces, which has one layer."""
+        key = id(material)
+        if key not in self._of_ground:
+            made = GroundMaterials(material, self._images)
+            made.show_contact(None)
+            made.stage.pass_index = 0
+            self._of_ground[key] = (material, made.stage)
+        return self._of_ground[key][1]
 
 
 def _looks_like(before: Primitive, now: Primitive) -> bool:

@@ -56,7 +56,7 @@ def alike(
     groups = np.zeros(len(prototypes), np.intp)
     for number, each in enumerate(prototypes):
         is_rock = each.maps is not None and each.water is None
-        key = (id(each.maps), bool(each.dust_m)) if is_rock else number
+        key = (id(each.maps), id(each.ground), bool(each.dust_m)) if is_rock else number
         if key not in kinds:
             kinds[key] = len(first)
             first.append(each)

@@ -43,7 +43,7 @@ from oaisys_core.render.shading.looks import (
     ROCK_BRIGHTNESS,
 )
 from oaisys_core.render.shading.texture_levels import LevelStore
-from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
+from oaisys_core.scene import MeshPrototype, PbrMaps, Scene, TerrainMaterial
 from oaisys_core.types import FloatArray
 
 RandomNumbers = Callable[[NDArray[np.uint32]], Floats]
@@ -71,6 +71,7 @@ class ObjectLook:
         """Take over a scene, whose ground has such a texture."""
         self._store = store
         self._textures: dict[int, RockTexture] = {}
+        self._faces: dict[int, tuple[TerrainMaterial, GroundTexture]] = {}
         self._meshes_of: tuple[MeshPrototype, ...] | None = None
         self.update(scene, ground)
 
@@ -81,6 +82,8 @@ class ObjectLook:
         self._all_ground = with_land(scene.ground, scene.far_ground)
         if self._meshes_of is not scene.prototypes:
             self._meshes_of = scene.prototypes
+            used = {id(each.ground) for each in scene.prototypes}
+            self._faces = {key: kept for key, kept in self._faces.items() if key in used}
             self._meshes = ObjectMeshes(scene.prototypes)
             self._dust_m = np.array([each.dust_m or 0 for each in scene.prototypes], np.float32)
             self._groups, self._kinds = alike(scene.prototypes)
@@ -145,7 +148,11 @@ class ObjectLook:
                 put(color, at, opacity * some.color + self._below * (1 - opacity) * bottom)
                 through[at] = 0
             elif kind.maps is not None:
-                rock = self._rock(kind.maps, some, has_dust=bool(kind.dust_m))
+                rock = (
+                    self._rock(kind.maps, some, has_dust=bool(kind.dust_m))
+                    if kind.ground is None
+                    else self._rock_face(kind.ground, view.points_m[at, 0], some)
+                )
                 for values, found in zip((color, normal, roughness), rock, strict=True):
                     put(values, at, found)
             elif kind.translucency is not None:
@@ -219,6 +226,16 @@ class ObjectLook:
         slope = to_map(hits.R, found.slope)
         along = dot(slope, hits.normal)[:, None] * hits.normal
         return color, normalise(hits.normal - slope + along), found.roughness
+
+    def _rock_face(
+        self, material: TerrainMaterial, points_m: FloatArray, hits: MeshHits
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return what `_rock` does, of the rock of a ground."""
+        if id(material) not in self._faces:
+            self._faces[id(material)] = material, GroundTexture(material, self._store)
+        texture = self._faces[id(material)][1]
+        found = texture.at(places_m(points_m), hits.normal, hits.footprint_m)
+        return found.albedo, found.normal, found.roughness
 
     def _with_dust(self, hits: MeshHits, height: Floats, color: Floats) -> Floats:
         """Return colours under the ground's dust, see `materials.contact` of Blender's backend."""

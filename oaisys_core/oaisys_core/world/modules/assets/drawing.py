@@ -44,6 +44,7 @@ from oaisys_core.world.modules.assets.ground_cover import (
 from oaisys_core.world.modules.assets.metadata import AssetMetadata
 from oaisys_core.world.modules.assets.movers import Mover, scale_pose
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
+from oaisys_core.world.modules.assets.rock_faces import draw_rock_faces
 from oaisys_core.world.modules.assets.rocks import rock_poses, rock_shapes, rock_sizes_m
 
 
@@ -152,6 +153,7 @@ class AssetGenerator:
             factor = metadata.count_factor * metadata.group(group.name).count_factor
             self._draw_group(group, block, on_land, factor)
         self._draw_ground_cover()
+        self._draw_rock_faces()
         for index, thing in enumerate(self._config.objects):
             self._add_object(thing, FIRST_OBJECT_ID + index)
         for index, mover in enumerate(self._config.movers):
@@ -229,6 +231,16 @@ class AssetGenerator:
         )
         rng = randomness.child(self._rng, "ground cover")
         prototypes, placements = draw_ground_cover(covered, covers, len(self._prototypes), rng)
+        self._prototypes.extend(prototypes)
+        self._placements.extend(AssetPlacement(each) for each in placements)
+
+    def _draw_rock_faces(self) -> None:
+        """Draw the broken rock in the walls of the ground."""
+        material = self._site.material
+        if material is None:
+            return
+        rng = randomness.child(self._rng, "rock faces")
+        prototypes, placements = draw_rock_faces(material, self._ground, len(self._prototypes), rng)
         self._prototypes.extend(prototypes)
         self._placements.extend(AssetPlacement(each) for each in placements)
 

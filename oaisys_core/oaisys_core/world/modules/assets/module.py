@@ -38,6 +38,7 @@ from oaisys_core.world.modules.assets.object_list import (
     solid,
 )
 from oaisys_core.world.modules.assets.prototypes import PrototypeLibrary
+from oaisys_core.world.modules.assets.rock_faces import has_rock_faces
 
 
 class AssetsModule(Module):
@@ -158,7 +159,9 @@ class AssetsModule(Module):
         """Return the material of the ground if anything stands where a layer lies; else None."""
         densities = (each for group in self._config.groups for each in group.density)
         follows = any(isinstance(density, LayerDensity) for density in densities)
-        return require(world.material) if follows or self._brings_grass(world) else None
+        material = world.material
+        follows |= self._brings_grass(world) or (material is not None and has_rock_faces(material))
+        return require(material) if follows else None
 
     def _draw(
         self,
