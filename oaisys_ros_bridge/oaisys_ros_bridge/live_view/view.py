@@ -93,7 +93,7 @@ def _show(
     volume = TsdfVolume(
         TsdfConfig(voxel_size_m=options.voxel_size_m, max_range_m=options.max_range_m)
     )
-    shown = 0
+    shown, triangles = 0, 0
     while options.views is None or shown < options.views:
         raise_if_interrupted()
         update = source.next_update(UPDATE_TIMEOUT_S)
@@ -102,6 +102,7 @@ def _show(
         if update.new_world:
             page.clear()
             volume.reset()
+            triangles = 0
         page.labels = source.labels
         for view in update.views:
             page.add(view)
@@ -113,7 +114,10 @@ def _show(
             mesh = volume.extract_mesh()
         if mesh is not None:
             page.set_mesh(mesh)
-            say(f"{shown} views, {len(mesh.triangles)} triangles")
+            triangles = len(mesh.triangles)
+        # The last views may come without a mesh, when the mapper sends its own.
+        if mesh is not None or update.views:
+            say(f"{shown} views, {triangles} triangles")
 
 
 def _fuse(volume: TsdfVolume, view: PosedImages) -> None:

@@ -140,7 +140,11 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
         )
         assert (tmp_path / "survey" / "report.json").is_file(), survey.stderr
         assert process.wait(START_PATIENCE_S) == 0
-    assert int(said(process, out, "2 views, ").split()[0]) > 1000
+    # On a busy machine, several views come at once.
+    lines = [line.split() for line in out.read_text(encoding="utf-8").splitlines()]
+    counts = [(int(line[0]), int(line[2])) for line in lines if line[1:2] == ["views,"]]
+    assert counts[-1][0] >= 2
+    assert max(triangles for _, triangles in counts) > 1000
     assert (tmp_path / "scene.html").is_file()
 
 
