@@ -5,10 +5,9 @@ from __future__ import annotations
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.noise import Field, fractal
-from oaisys_core.scene import MeshPrototype
+from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.types import FloatArray
 
 GRID = 40
@@ -71,8 +70,9 @@ def make_rock_face(name: str, rng: np.random.Generator) -> MeshPrototype:
     out -= DEPTH * fall * fall
     on_edge = np.maximum(np.abs(x), np.abs(y)) > 0.5 - 0.5 / GRID
     out = np.where(on_edge, np.minimum(out, -DEPTH), out)
-    points = np.column_stack((x.ravel(), y.ravel(), out.ravel()))
-    return MeshPrototype(name, points.astype(np.float32), _triangles(GRID), crease_rad=CREASE_RAD)
+    surface = HeightField(out.astype(np.float32), (-0.5, -0.5), 1 / (GRID - 1))
+    vertices_m, triangles = surface.vertices_m(), surface.triangles()
+    return MeshPrototype(name, vertices_m, triangles, crease_rad=CREASE_RAD)
 
 
 def _blocks(x: FloatArray, y: FloatArray, thickness: float, rng: np.random.Generator) -> FloatArray:
@@ -113,10 +113,3 @@ def _places(length: float, rng: np.random.Generator) -> FloatArray:
 def _noise(x: FloatArray, y: FloatArray, wave: float, rng: np.random.Generator) -> Field:
     u, v = (((each + 1) / wave).astype(np.float32) for each in (x, y))
     return fractal(u, v, rng, octaves=3)
-
-
-def _triangles(size: int) -> NDArray[np.int32]:
-    index = np.arange(size * size, dtype=np.int32).reshape(size, size)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    corners = np.stack((np.stack((a, b, c), -1), np.stack((a, c, d), -1)), axis=2)
-    return np.asarray(corners.reshape(-1, 3))

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.density import (
@@ -139,6 +140,25 @@ def band(values: FloatArray, low: float, high: float, fade: float) -> FloatArray
     inside = np.minimum(values - low, high - values)
     share = (inside >= 0).astype(float) if fade == 0 else np.clip(inside / fade + 0.5, 0, 1)
     return np.asarray(np.nan_to_num(share))
+
+
+def draw_texels(
+    cumulative: FloatArray, columns: int, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
+    """Return texels that are drawn by their weights, and places in them.
+
+    Args:
+        cumulative: (rows * columns,) sums of the weights up to each texel; the last is not 0.
+        columns: Texels in a row.
+        count: Number of places.
+        rng: Draws them.
+
+    Returns:
+        (count,) rows and (count,) columns, and (count, 2) places along x and y, in texels.
+    """
+    chosen = np.searchsorted(cumulative, rng.uniform(size=count) * cumulative[-1], side="right")
+    row, column = np.divmod(np.minimum(chosen, len(cumulative) - 1), columns)
+    return row, column, np.column_stack((column, row)) + rng.uniform(size=(count, 2))
 
 
 def bilinear(field: Field | FloatArray, ground: Ground, xy: FloatArray) -> FloatArray:

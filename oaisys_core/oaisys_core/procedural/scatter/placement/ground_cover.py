@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.procedural.scatter.placement.density import draw_texels
 from oaisys_core.procedural.scatter.placement.random_poses import (
     bedding,
     leaning,
@@ -108,9 +109,7 @@ def cover_places(
     count = min(round(number), MOST_PLACES)
     if not count:
         return CoverPlaces(np.zeros((0, 2)), np.zeros(0))
-    chosen = np.searchsorted(total, rng.uniform(size=count) * total[-1], side="right")
-    rows, columns = np.divmod(np.minimum(chosen, mask.size - 1), mask.shape[1])
-    place = np.column_stack((columns, rows)) + rng.uniform(size=(count, 2))
+    rows, columns, place = draw_texels(total, mask.shape[1], count, rng)
     xy_m = np.array((x0, y0)) + place * texel_m
     grown = STUNTED + (1 - STUNTED) * near[rows, columns]
     grown *= 0.75 + 0.5 * clumps[rows, columns]

@@ -178,10 +178,20 @@ def random_places(
 def slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
     """Return (N,) slopes of the ground at (N, 2) points; 90 at its rim."""
     step_m = ground.spacing_m
-    east, north = np.array((step_m, 0.0)), np.array((0.0, step_m))
-    rise = [ground.height_at(xy + way) - ground.height_at(xy - way) for way in (east, north)]
-    slope = np.degrees(np.arctan(np.hypot(*rise) / (2 * step_m)))
+    slope = np.degrees(np.arctan(np.hypot(*rises_m(ground, xy, step_m)) / (2 * step_m)))
     return np.asarray(np.nan_to_num(slope, nan=90.0))
+
+
+def rises_m(ground: Ground, xy: FloatArray, step_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return (N,) rises of the ground along x and along y, each from a step before to one after.
+
+    NaN at the rim.
+    """
+    east, north = np.array((step_m, 0.0)), np.array((0.0, step_m))
+    rise_x_m, rise_y_m = (
+        ground.height_at(xy + way) - ground.height_at(xy - way) for way in (east, north)
+    )
+    return rise_x_m, rise_y_m
 
 
 def _keep_apart(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:

@@ -11,7 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.procedural.scatter.placement.random_poses import power_law_sizes
+from oaisys_core.procedural.scatter.placement.density import draw_texels
+from oaisys_core.procedural.scatter.placement.random_poses import (
+    power_law_sizes,
+    rises_m,
+)
 from oaisys_core.procedural.scatter.placement.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.procedural.terrain.masks.relief import relief_of
 from oaisys_core.scene import Ground, TerrainMaterial
@@ -72,9 +76,7 @@ class _Walls(NamedTuple):
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Return (count, 2) places, as many everywhere on the surface."""
         total = np.cumsum(self.area_m2, dtype=np.float64)
-        chosen = np.searchsorted(total, rng.uniform(size=count) * total[-1], side="right")
-        rows, columns = np.divmod(np.minimum(chosen, total.size - 1), self.area_m2.shape[1])
-        place = np.column_stack((columns, rows)) + rng.uniform(size=(count, 2))
+        _, _, place = draw_texels(total, self.area_m2.shape[1], count, rng)
         return np.asarray(self.low_m + place * self.texel_m)
 
 
@@ -166,6 +168,4 @@ def _fit(
 
 def _slopes(ground: Ground, xy_m: FloatArray, step_m: float) -> FloatArray:
     """Return (N, 2) slopes of the ground along x and y, over twice a step; 0 at its rim."""
-    ways = np.eye(2) * step_m
-    rise_m = [ground.height_at(xy_m + way) - ground.height_at(xy_m - way) for way in ways]
-    return np.nan_to_num(np.column_stack(rise_m) / (2 * step_m))
+    return np.nan_to_num(np.column_stack(rises_m(ground, xy_m, step_m)) / (2 * step_m))
