@@ -15,12 +15,11 @@ from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_ros_bridge.nodes.node_start import start_node
+from oaisys_ros_bridge.nodes.spinning import SPIN_WAIT_S, end_spin
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import ParameterTable
 
 CLOSE_TIMEOUT_S = 2.0
-LOOK_UP_S = 0.2
-"""Between two checks of the background thread whether it shall end."""
 CHECK_PERIOD_S = 0.5
 """How often `BackgroundNode.wait` calls its check while nothing is received."""
 
@@ -60,7 +59,7 @@ class BackgroundNode:
     def close(self) -> None:
         """Destroy the node and shut rclpy down."""
         self._closed.set()
-        self._executor.wake()
+        end_spin(self._executor)
         # Its thread must not begin to wait while handles and context are destroyed.
         if self._thread.is_alive():
             self._thread.join(timeout=CLOSE_TIMEOUT_S)
@@ -128,7 +127,7 @@ class BackgroundNode:
     def _spin(self) -> None:
         try:
             while not self._closed.is_set():
-                self._executor.spin_once(timeout_sec=LOOK_UP_S)
+                self._executor.spin_once(timeout_sec=SPIN_WAIT_S)
         except ExternalShutdownException:
             return
 

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from oaisys_core.errors import OaisysError, ShortageError
 from oaisys_core.system.ending.signals import end_service_at_signals, exit_at_once
 from oaisys_ros_bridge.nodes.node_start import start_node
+from oaisys_ros_bridge.nodes.spinning import SPIN_WAIT_S, end_spin
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.services import is_any_request_served
 
@@ -44,7 +45,7 @@ class WaitingExecutor(MultiThreadedExecutor):
 
 
 LOOK_UP_S = 0.2
-"""Between two checks of a waiting thread whether it shall end."""
+"""Between two checks of the main thread whether it shall end."""
 
 
 def stop_on_signals(stop: threading.Event) -> None:
@@ -113,7 +114,7 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     def spin() -> None:
         try:
             while not closed.is_set():
-                executor.spin_once(timeout_sec=LOOK_UP_S)
+                executor.spin_once(timeout_sec=SPIN_WAIT_S)
         except ExternalShutdownException:
             pass
         finally:
@@ -130,7 +131,7 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     node.close()
     # The executor must not be waiting when its handles are destroyed.
     closed.set()
-    executor.wake()
+    end_spin(executor)
     spinner.join(timeout=CALLBACKS_END_S)
     # Nor may a callback that ends now wake it afterwards.
     executor.wait_for_callbacks(CALLBACKS_END_S)
