@@ -54,7 +54,9 @@ IN_CHILD = frozenset(
 """Commands that work in a child process, see `oaisys_core.system.ending.signals`: what takes long
 may be inside of a library, which heeds no signal."""
 
-WITH_HANDLERS = frozenset({"explore", "live", "record", "serve", "survey", "view"})
+WITH_HANDLERS = frozenset(
+    {"certificate issue", "explore", "live", "record", "serve", "survey", "view"}
+)
 """Commands that start and end processes of their own, or nodes, and handle signals themselves.
 
 Until they do there is nothing to be cleaned up, so that a signal ends the process at once: an
@@ -104,11 +106,12 @@ class _InstalledCommands(_Commands):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command; before it is imported, a long one goes on in a child process."""
-        is_in_child = _is_program and args[0] in IN_CHILD and "--help" not in args
-        if is_in_child:
+        has_handlers = bool(WITH_HANDLERS.intersection((args[0], " ".join(args[:2]))))
+        is_in_child = args[0] in IN_CHILD and not has_handlers and "--help" not in args
+        if _is_program and is_in_child:
             work_in_child(args[0], GRACE_S.get(args[0], 0.0))
         command = super().resolve_command(ctx, args)
-        if _is_program and not is_in_child and args[0] not in WITH_HANDLERS:
+        if _is_program and not (is_in_child or has_handlers):
             interrupt_at_signals()
         return command
 

@@ -19,6 +19,7 @@ from commands import oaisys_here
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, messages_of_samples
 from rosbags.highlevel import AnyReader
 from served_simulator import MOUNDS
+from waiting import wait_until
 
 from tools import second_mapper
 
@@ -280,6 +281,34 @@ def test_a_signal_ends_everything(world: Path, tmp_path: Path, ros_domain_id: in
     assert "Traceback" not in seen + rest
     assert segments
     assert not [each for each in segments if each.exists()]
+
+
+@pytest.mark.usefixtures("no_process_left")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_certificate_that_is_not_issued_leaves_no_folder(
+    number: signal.Signals, world: Path, tmp_path: Path, ros_domain_id: int
+) -> None:
+    """Its command was killed at once, although a survey has processes and folders to end."""
+    folder = tmp_path / "t"
+    folder.mkdir()
+    survey_command = command(world, tmp_path / "out", "--backend", "analytic", "--no-bag")
+    at = survey_command.index("survey")
+    with subprocess.Popen(
+        [*survey_command[:at], "certificate", "issue", *survey_command[at + 1 :]],
+        env={**environment(ros_domain_id), "TMPDIR": str(folder)},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        seen = _read_until(process.stderr.readline, "starting the simulator")
+        wait_until(lambda: list(folder.glob("oaisys-worker-*")), explain=lambda: seen)
+        process.send_signal(number)
+        rest = process.stderr.read()
+        code = process.wait(60)
+    assert code == 128 + number
+    assert "Traceback" not in rest
+    assert not list(folder.iterdir())
 
 
 def _own_segments(pid: int) -> list[Path]:

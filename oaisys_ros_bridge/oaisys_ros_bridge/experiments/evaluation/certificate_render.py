@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix
+from oaisys_core.system.ending.leftovers import temporary_folder
 from oaisys_core.system.processes import ManagedProcess
 from oaisys_core.system.python_programs import python_command
 from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
@@ -43,10 +43,8 @@ def render_and_compare(
         OaisysError: The simulator failed.
     """
     views = views_from_json(content["views"], "FILE: views")
-    with tempfile.TemporaryDirectory(prefix="oaisys_certificate_") as folder:
-        volume, truth, sha256 = _render_world_again(
-            content, views, worker_python, Path(folder), reporter
-        )
+    with temporary_folder("oaisys_certificate_") as folder:
+        volume, truth, sha256 = _render_world_again(content, views, worker_python, folder, reporter)
     stated = content["facts"].get("config_sha256")
     findings = [CheckResult("the simulator's own hash of the configuration", sha256 == stated)]
     classes = volume if volume.config.semantic else None
@@ -68,7 +66,9 @@ def _render_world_again(
     if worker_python is not None:
         command += ["--worker-python", str(worker_python)]
     reporter.say("starting the simulator")
-    with ManagedProcess("server", command, folder / "server.log", dict(os.environ)) as server:
+    # What the server's processes leave behind, too, where this command is killed.
+    environment = {**os.environ, "TMPDIR": str(folder)}
+    with ManagedProcess("server", command, folder / "server.log", environment) as server:
         address = server.wait_for_line("ready:", START_TIMEOUT_S)
         with SimulatorClient(address, timeout_s=START_TIMEOUT_S) as simulator:
             reporter.say("building the world")
