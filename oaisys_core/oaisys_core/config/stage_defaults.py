@@ -74,9 +74,6 @@ LAYERS_OF_PRESET: dict[str, tuple[Section, ...]] = {
 }
 """What grounds on Earth are made of, if it is not gravel and sand; each name has one id."""
 
-WALLED = frozenset({"alpine", "canyon", "large_terrain", "mesa", "mountain_1", "mountain_2"})
-"""Presets with walls of rock."""
-
 ROCK_TEXTURE = "basalt"
 """Of both bodies: what lies on the Moon's plains and most of Mars."""
 
@@ -89,9 +86,9 @@ _BODY: TypeAdapter[Any] = TypeAdapter(Body)
 def with_defaults_of_stage(data: Mapping[str, Any]) -> Section:
     """Return a configuration's data with what it does not say and its ``stage`` does.
 
-    That is ``materials.layers`` where there are no pools, ``materials.rock_faces``,
-    ``assets.rock_texture``, and for another body than Earth ``environment.sky``. What is not valid
-    is returned as it is, to be refused where it is checked.
+    That is ``materials.layers`` where there are no pools, ``assets.rock_texture``, and for another
+    body than Earth ``environment.sky``. What is not valid is returned as it is, to be refused where
+    it is checked.
     """
     result = dict(data)
     for section, values in _defaults_of(data.get("stage")).items():
@@ -105,15 +102,6 @@ def with_defaults_of_stage(data: Mapping[str, Any]) -> Section:
 def _defaults_of(stage: Any) -> dict[str, Section]:
     if not isinstance(stage, Mapping):
         return {}
-    defaults = _looks_of(stage)
-    preset = stage.get("preset")
-    has_own = any(stage.get(each) is not None for each in ("dem", "mesh"))
-    if isinstance(preset, str) and preset in WALLED and not has_own:
-        defaults["materials"] = {"rock_faces": True, **defaults.get("materials", {})}
-    return defaults
-
-
-def _looks_of(stage: Mapping[str, Any]) -> dict[str, Section]:
     name = _body_of(stage)
     if name in SKY_OF_BODY:
         return {

@@ -51,6 +51,7 @@ class World:
         drawn_ground: The ground as the stage module drew it, before materials displace it.
         stage_notes: Facts about the stage: ``hash``, under which it can be reused, and ``holes``
             and ``filled_px`` of a ground from a file.
+        has_rock_walls: Whether the ground is of a preset with walls of rock.
         georeference: Where the ground lies on its body; None if it is of no place.
         detail: How ``ground`` is refined near the cameras; None for no refinement.
         near_ground: The ground refined around the current cameras. What modules draw does not
@@ -68,6 +69,7 @@ class World:
     stage_hash: str = ""
     drawn_ground: Ground | None = None
     stage_notes: dict[str, Any] = field(default_factory=dict)
+    has_rock_walls: bool = False
     georeference: Georeference | None = None
     detail: Detail | None = None
     near_ground: DetailedGround | None = None
@@ -94,6 +96,7 @@ class World:
         """Take over the ground and its material from another world."""
         self.ground, self.stage_hash = other.ground, other.stage_hash
         self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
+        self.has_rock_walls = other.has_rock_walls
         self.georeference, self.detail = other.georeference, other.detail
         self.surroundings, self.far_ground = other.surroundings, other.far_ground
         self.material, self.water = other.material, other.water

@@ -90,6 +90,7 @@ def stage_record(batch: Batch, assets_sha256: str) -> StageRecord:
         asset_seed=batch.seeds.asset_seed,
         assets_sha256=assets_sha256,
         asset_metadata=batch.metadata.asset or {},
+        has_rock_walls=batch.world.has_rock_walls,
     )
 
 

@@ -65,6 +65,7 @@ class _StageFields:
     asset_seed: _SeedText
     assets_sha256: Sha256 | Literal[""]
     asset_metadata: dict[str, Any]
+    has_rock_walls: Annotated[bool, Strict()] = False
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ class StageRecord:
         assets_sha256: Hash of the asset configuration that the objects were drawn with; empty of a
             stage without objects.
         asset_metadata: Asset metadata at the start of the batch.
+        has_rock_walls: Whether it is of a preset with walls of rock.
     """
 
     stage_hash: str
@@ -87,6 +89,7 @@ class StageRecord:
     asset_seed: int
     assets_sha256: str
     asset_metadata: Mapping[str, Any] = field(default_factory=dict)
+    has_rock_walls: bool = False
 
 
 def content_hash(ground: Ground) -> str:
@@ -118,6 +121,7 @@ def save_stage(path: Path, record: StageRecord) -> None:
             "asset_seed": str(record.asset_seed),
             "assets_sha256": record.assets_sha256,
             "asset_metadata": dict(record.asset_metadata),
+            "has_rock_walls": record.has_rock_walls,
         }
     )
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}")  # nobody can foresee it
@@ -163,6 +167,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
         asset_seed=int(found.asset_seed),
         assets_sha256=found.assets_sha256,
         asset_metadata=found.asset_metadata,
+        has_rock_walls=found.has_rock_walls,
     )
 
 

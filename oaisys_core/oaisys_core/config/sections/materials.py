@@ -160,9 +160,9 @@ class MaterialsConfig(Section):
         loose_stones: Whether stones lie on layers of stony built-in textures, see docs/worlds.md.
         rock_faces: Whether walls of rock, basalt and bedrock are of broken rock: pieces of a metre
             and more with beds, joints and overhangs, which a height field cannot have. They are
-            part of the ground in depth, labels and the ground truth mesh. By default true on the
-            presets alpine, canyon, large_terrain, mesa, mountain_1 and mountain_2, false on others
-            and on terrain of yours.
+            part of the ground in depth, labels and the ground truth mesh. None: true on grounds of
+            the presets alpine, canyon, large_terrain, mesa, mountain_1 and mountain_2, false on
+            others and on terrain of yours, whichever a batch has.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,
             rock, clay, grass or moss, and 1024 of all others.
         texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
@@ -185,7 +185,7 @@ class MaterialsConfig(Section):
     variation: VariationConfig = VariationConfig()
     macro_variation: Share = 0.5
     loose_stones: bool = False
-    rock_faces: bool = False
+    rock_faces: bool | None = None
     texture_size_px: int | None = Field(default=None, ge=16, le=8192)
     texture_seed: int = Field(default=0, ge=0)
 

@@ -247,7 +247,7 @@ def breaks(look: LookConfig, materials: MaterialsConfig) -> bool:
     if look.rock_faces is not None:
         return look.rock_faces
     is_rock = look.folder is None and texture_exposure(look.texture) >= BARE_ROCK
-    return materials.rock_faces and is_rock
+    return bool(materials.rock_faces) and is_rock
 
 
 def _all_layers(materials: MaterialsConfig) -> Iterator[tuple[str, LayerConfig]]:

@@ -93,6 +93,8 @@ class MaterialsModule(Module):
         config = override(self._config, metadata, self.metadata_part)
         if config.seed is not None:
             rng = randomness.stream(config.seed, self.name)
+        if config.rock_faces is None:
+            config = config.model_copy(update={"rock_faces": world.has_rock_walls})
         ground = require(world.ground)
         layers = [
             self._library.draw(layer, config, randomness.child(rng, f"layer/{index}"))

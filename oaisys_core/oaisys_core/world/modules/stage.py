@@ -44,6 +44,9 @@ SHAPERS: dict[str, Shaper] = {
 }
 """Presets whose land something else than water has shaped."""
 
+WALLED = frozenset({"alpine", "canyon", "large_terrain", "mesa", "mountain_1", "mountain_2"})
+"""Presets with walls of rock."""
+
 SHAPERS_OF_BODIES: dict[str, Shaper] = {"moon": "impacts", "mars": "wind"}
 """The same of bodies, for other presets."""
 
@@ -111,9 +114,11 @@ class StageModule(Module):
         config = override(self._config, metadata, self.metadata_part)
         world.stage_notes, world.georeference = {}, None
         if config.reuse is not None:
-            world.ground = self.record(config.reuse).ground
+            record = self.record(config.reuse)
+            world.ground, world.has_rock_walls = record.ground, record.has_rock_walls
         else:
             world.ground = _new_ground(config, rng, world)
+            world.has_rock_walls = config.preset in WALLED and not (config.dem or config.mesh)
         world.stage_hash = content_hash(world.ground)
         world.stage_notes["hash"] = self._hash = world.stage_hash
         world.drawn_ground = world.ground

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import open3d as o3d
 import pytest
 from covered_worlds import cover, covered_world, poses
 
-from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import pixel_rays, pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, Frame, ModuleMetadata, ObjectQuery
@@ -31,6 +31,20 @@ def view_of_wall(world: Simulation, T: FloatArray) -> dict[str, Frame]:
     metadata = ModuleMetadata(sensor={"pose": pose, "pose_policy": "allow"})
     sample = world.step_sample(metadata)
     return {each.modality: each for each in sample.frames}
+
+
+@pytest.fixture(scope="module")
+def terrain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a wall that somebody has measured."""
+    path = tmp_path_factory.mktemp("terrain") / "wall.obj"
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(-30, 31), np.arange(-30, 31)))
+    z = 14 * np.clip((x + 2 * np.sin(0.3 * y)) / 6, 0, 1)
+    first = (np.arange(60)[:, None] * 61 + np.arange(60)).ravel() + 1
+    faces = np.column_stack((first, first + 1, first + 62, first + 61))
+    lines = [f"v {' '.join(map(str, each))}" for each in zip(x, y, z, strict=True)]
+    lines += [f"f {' '.join(map(str, each))}" for each in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -65,22 +79,31 @@ def test_a_layer_decides_for_itself() -> None:
     assert not cover(covered_world({**ROCK, "rock_faces": False}, stage=STAGE))
 
 
-@pytest.mark.parametrize(
-    ("stage", "materials", "expected"),
-    [
-        ({"preset": "canyon"}, {}, True),
-        ({"preset": "canyon", "body": "mars"}, {}, True),
-        ({"preset": "canyon"}, {"rock_faces": False}, False),
-        ({"preset": "mounds"}, {}, False),
-        ({"preset": "mounds"}, {"rock_faces": True}, True),
-        ({"preset": "canyon", "dem": {"file": __file__}}, {}, False),
-    ],
-)
-def test_presets_with_walls_have_them_by_default(
-    stage: dict[str, Any], materials: dict[str, Any], expected: bool
-) -> None:
-    config = config_from_mapping({"stage": stage, "materials": materials})
-    assert config.materials.rock_faces is expected
+@pytest.mark.parametrize("preset", ["mesa", "mounds", "plane"])
+def test_the_ground_of_a_batch_decides_whether_walls_are_broken(preset: str, terrain: Path) -> None:
+    """A server may have another preset than its requests: what is measured must stay as it is."""
+    world = covered_world(ROCK, stage={**STAGE, "preset": preset, "relief_m": 12.0})
+    expected = {"mesa": True, "mounds": False}
+    for asked, is_broken in [*expected.items(), ("mesa", True)]:
+        world.step_batch(ModuleMetadata(custom={"stage": {"preset": asked}}))
+        assert bool(cover(world)) is is_broken, asked
+    mesh = {"preset": "mesa", "mesh": {"file": str(terrain)}}
+    world.step_batch(ModuleMetadata(custom={"stage": mesh}))
+    assert not cover(world)
+    world.step_batch(ModuleMetadata(custom={"stage": mesh, "materials": {"rock_faces": True}}))
+    assert cover(world)
+
+
+def test_a_stored_ground_is_as_broken_as_it_was(terrain: Path, tmp_path: Path) -> None:
+    stage = {**STAGE, "store": str(tmp_path)}
+    world = covered_world(ROCK, stage=stage)
+    for name, own in (("measured", {"mesh": {"file": str(terrain)}}), ("drawn", {})):
+        world.step_batch(ModuleMetadata(custom={"stage": {**own, "save_as": name}}))
+    for name, is_broken in (("measured", False), ("drawn", True)):
+        world.step_batch(ModuleMetadata(custom={"stage": {"reuse": {"name": name}}}))
+        assert bool(cover(world)) is is_broken, name
+        other = covered_world(ROCK, stage={**stage, "preset": "mounds", "reuse": {"name": name}})
+        assert bool(cover(other)) is is_broken, name
 
 
 def test_they_are_seen_as_their_layer_and_are_no_instances(
