@@ -126,7 +126,7 @@ def test_bases_are_flat_and_tops_are_not() -> None:
 @pytest.mark.usefixtures("small_dome")
 def test_an_even_layer_weakens_light_by_beer_and_lamberts_law() -> None:
     """Clouds without a gap, so thin that they are the same all over, before sky and sun."""
-    clouds = Clouds(1.0, 1000.0, 1000.0, 20.0, seed=1)
+    clouds = Clouds(1.0, 1000.0, 1000.0, 10.0, seed=1)
     field = CloudField(clouds)
     values = extinctions_per_m(field, 50)
     assert np.ptp(values, axis=1).max() == 0
@@ -135,7 +135,7 @@ def test_an_even_layer_weakens_light_by_beer_and_lamberts_law() -> None:
     assert found.sunlit == pytest.approx(exp(-depth / sin(0.5)), rel=1e-3)
     up_rad = dome.cloud_elevations_rad()
     rows = np.flatnonzero(up_rad > 0.3)[::20]
-    clear = dome.air_clearness(dome.distances_m(up_rad[rows], 1010.0))
+    clear = dome.air_clearness(dome.distances_m(up_rad[rows], 1005.0))
     through = (found.lights[3, rows, 7] - (1 - clear)) / clear
     np.testing.assert_allclose(through, np.exp(-depth / np.sin(up_rad[rows])), rtol=0.01)
 
