@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from math import radians
+from dataclasses import replace
+from math import cos, radians, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.noise import Field, fractal
+from oaisys_core.procedural.terrain.processes.exact import smooth
 from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -48,6 +51,10 @@ DEEPEST = 1.1
 CREASE_RAD = radians(28.0)
 """Angle between triangles from which the edge between them is shaded sharp."""
 
+WALL_RAD, LEDGE_RAD, LEDGE_CELLS = radians(54.0), radians(34.0), 1.5
+"""Steepness of a wall, in the mean, and up to which snow and soil lie on the ledges in it; and the
+standard deviation, in cells, of the rounding after which these are looked for."""
+
 
 def make_rock_face(name: str, rng: np.random.Generator) -> MeshPrototype:
     """Return a piece of a wall, 1 m wide: x along its beds, y up the wall, z out of it.
@@ -73,6 +80,24 @@ def make_rock_face(name: str, rng: np.random.Generator) -> MeshPrototype:
     surface = HeightField(out.astype(np.float32), (-0.5, -0.5), 1 / (GRID - 1))
     vertices_m, triangles = surface.vertices_m(), surface.triangles()
     return MeshPrototype(name, vertices_m, triangles, crease_rad=CREASE_RAD)
+
+
+def bare_and_ledges(face: MeshPrototype) -> tuple[MeshPrototype, MeshPrototype]:
+    """Return the steep triangles of a rock face in a wall, and the ledges in it."""
+    # Of the larger beds: snow on each step of a hand's width would be rows of stitches.
+    points_m = face.vertices_m.astype(np.float64).reshape(GRID, GRID, 3)
+    points_m[..., 2] = smooth(points_m[..., 2], LEDGE_CELLS)
+    corners = points_m.reshape(-1, 3)[face.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    up = normals @ (0.0, sin(WALL_RAD), cos(WALL_RAD))
+    is_ledge = up > cos(LEDGE_RAD) * np.linalg.norm(normals, axis=1)
+    return _part(face, ~is_ledge), _part(face, is_ledge)
+
+
+def _part(face: MeshPrototype, is_in: NDArray[np.bool_]) -> MeshPrototype:
+    used, triangles = np.unique(face.triangles[is_in], return_inverse=True)
+    corners = triangles.reshape(-1, 3).astype(np.int32)
+    return replace(face, vertices_m=face.vertices_m[used], triangles=corners)
 
 
 def _blocks(x: FloatArray, y: FloatArray, thickness: float, rng: np.random.Generator) -> FloatArray:

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
+from numpy.typing import NDArray
 
-from oaisys_core.procedural.scatter.rock_faces import DEPTH, GRID, OUT, make_rock_face
+from oaisys_core.procedural.scatter.rock_faces import (
+    DEPTH,
+    GRID,
+    OUT,
+    bare_and_ledges,
+    make_rock_face,
+)
+from oaisys_core.scene import MeshPrototype
 
 SEEDS = range(8)
 
@@ -52,3 +61,32 @@ def test_beds_and_joints_are_steps_between_flat_blocks() -> None:
 def test_a_seed_always_gives_the_same_face_and_another_seed_another_one() -> None:
     assert heights(1).tobytes() == heights(1).tobytes()
     assert np.abs(heights(1) - heights(2)).mean() > 0.01
+
+
+def corners_of(mesh: MeshPrototype) -> NDArray[np.float32]:
+    return mesh.vertices_m[mesh.triangles]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bare_rock_and_ledges_are_the_whole_face(seed: int) -> None:
+    face = make_rock_face("face", np.random.default_rng(seed))
+    parts = bare_and_ledges(face)
+    together = np.concatenate([corners_of(each) for each in parts]).reshape(-1, 9)
+    whole = corners_of(face).reshape(-1, 9)
+    np.testing.assert_array_equal(np.sort(together, axis=0), np.sort(whole, axis=0))
+    assert len(np.unique(together, axis=0)) == len(whole)
+
+
+def test_ledges_are_level_in_a_wall_and_bare_rock_is_steep() -> None:
+    """In a wall of 60 degrees; areas are those seen from above."""
+    up = np.array((0.0, np.sin(np.radians(60)), np.cos(np.radians(60))))
+    face = make_rock_face("face", np.random.default_rng(1))
+    slopes_deg = []
+    for part in bare_and_ledges(face):
+        corners = corners_of(part).astype(float)
+        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(doubled, axis=1)
+        slope_deg = np.degrees(np.arccos(np.clip(doubled @ up / area, -1, 1)))
+        slopes_deg.append(float(np.average(slope_deg, weights=area)))
+    assert slopes_deg[0] > 55
+    assert slopes_deg[1] < 40

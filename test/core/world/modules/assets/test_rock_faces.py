@@ -106,6 +106,23 @@ def test_a_stored_ground_is_as_broken_as_it_was(terrain: Path, tmp_path: Path) -
         assert bool(cover(other)) is is_broken, name
 
 
+def test_what_covers_the_ground_lies_on_their_ledges(broken: Simulation) -> None:
+    snow = {"texture": "snow", "label": "snow", "semantic_id": 5, "when": {"slope_deg": [0, 40]}}
+    rock = {**ROCK, "when": {"slope_deg": [40, 90]}}
+    world = covered_world(rock, snow, stage=STAGE)
+    ids = {each.semantic_ids for each in cover(world)}
+    assert ids == {(3,), (5,)}
+    assert all(each.is_rock_face for each in cover(world))
+    ledges = [each for each in cover(world) if each.semantic_ids == (5,)]
+    looks = {id(world.scene.prototypes[each.prototype].ground) for each in ledges}
+    assert len(looks) == 1
+    # Each lies in a piece of rock, which is as it was.
+    assert {pose.tobytes() for pose in poses(ledges)} <= {
+        pose.tobytes() for each in cover(world) if each not in ledges for pose in each.T_map_object
+    }
+    assert all(each.semantic_ids == (3,) for each in cover(broken))
+
+
 def test_they_are_seen_as_their_layer_and_are_no_instances(
     broken: Simulation, plain: Simulation
 ) -> None:
