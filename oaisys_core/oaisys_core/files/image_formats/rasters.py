@@ -53,10 +53,9 @@ _LABEL_END = re.compile(rb"^[ \t]*end[\s\0]", re.IGNORECASE | re.MULTILINE)
 _PLACE_IN_FILE = re.compile(rb"\d+\s*(<BYTES>)?\s*(/\*.*)?")
 
 # In memory GDAL finds no neighbours, and the file's name, such as GTIFF_DIR:…, means nothing.
-_ALONE = {
+_IN_MEMORY = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_PAM_ENABLED": "NO",
-    "GDAL_GEOREF_SOURCES": "INTERNAL",
     "GTIFF_REPORT_COMPD_CS": "YES",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none",
     "PROJ_NETWORK": "OFF",
@@ -64,7 +63,11 @@ _ALONE = {
     "GDAL_NUM_THREADS": "1",
 }
 
-_WARNING_IS_DAMAGE = ("JP2OpenJPEG",)
+# Where a file lies, worldfiles may lie beside it. With this option GDAL (3.9) delivers memory that
+# nobody has written as the place of a JPEG 2000 file that has none.
+_ALONE = {**_IN_MEMORY, "GDAL_GEOREF_SOURCES": "INTERNAL"}
+
+_WARNING_IS_DAMAGE = ("DTED", "JP2OpenJPEG")
 """Drivers that decode what they can of damaged pixels, and only warn of the others."""
 
 _opening = threading.Lock()
@@ -128,7 +131,7 @@ def open_raster(
         check_pictures(data, use, shown)
     with (
         _refuse_errors(use, shown, is_any_format=drivers is ELEVATION_DRIVERS),
-        Env(**_ALONE),
+        Env(**_IN_MEMORY),
         MemoryFile(data, filename=_name_in_memory(shown)) as memory,
         memory.open(driver=list(drivers)) as file,
     ):

@@ -64,8 +64,15 @@ def ply_mesh(elements: Mapping[str, Any]) -> PlyMesh:
 
 def has_float_vertices(elements: Mapping[str, Any]) -> bool:
     """Return whether coordinates are float32, or coarser, rather than float64 or integers."""
-    kinds = [np.dtype(elements["vertex"]["properties"][axis]) for axis in "xyz"]
+    kinds = [_kind_of(elements["vertex"]["properties"], axis) for axis in "xyz"]
     return any(kind.kind == "f" and kind.itemsize < 8 for kind in kinds)
+
+
+def _kind_of(properties: Mapping[str, str], name: str) -> np.dtype[Any]:
+    try:
+        return np.dtype(properties[name])
+    except ValueError as error:  # trimesh's kind of a list
+        raise ValueError(f"vertices with one number as {name}, not a list") from error
 
 
 def ply_colors(elements: Mapping[str, Any], mesh: PlyMesh) -> NDArray[np.uint8] | None:

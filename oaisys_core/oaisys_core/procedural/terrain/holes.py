@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -17,6 +19,13 @@ LARGE_PX = 20_000
 
 COARSER = 4
 """Reduction factor of the coarser image."""
+
+WIDE_SHARE = 1 / 32
+"""Share of missing pixels from which on equations are solved on the image itself: written down as a
+matrix they need 380 bytes a pixel, which is 30 GB for half of a large model of a coast."""
+
+BAND_ROWS = 256
+"""Rows of an image that are interpolated at a time."""
 
 
 def number_of_holes(missing: NDArray[np.bool_]) -> int:
@@ -40,6 +49,9 @@ def fill_holes(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
         return height_m.copy()
     is_large = bool(missing.sum() > LARGE_PX)
     result = _from_coarser(height_m, missing) if is_large else _nearest(height_m, missing)
+    if is_large and missing.mean() > WIDE_SHARE:
+        _solve_on_image(result, missing)
+        return result
     system, known = _equations(result, missing)
     rounds = FINE_ROUNDS if is_large else MAX_ROUNDS
     solution, _ = cg(system, known, x0=result[missing], rtol=1e-12, maxiter=rounds)
@@ -65,11 +77,51 @@ def _from_coarser(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArra
     count = known.reshape(blocks).sum(axis=(1, 3))
     mean_m = values.reshape(blocks).sum(axis=(1, 3)) / np.maximum(count, 1)
     coarse_m = fill_holes(mean_m, count == 0)
-    places = [(np.arange(n) + 0.5) / COARSER - 0.5 for n in (rows, cols)]
-    finer_m = scipy.ndimage.map_coordinates(
-        coarse_m, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest"
-    )
-    return np.where(missing, finer_m, height_m)
+    down, right = ((np.arange(n) + 0.5) / COARSER - 0.5 for n in (rows, cols))
+    result = height_m.astype(np.float64)
+    for first in range(0, rows, BAND_ROWS):
+        band = slice(first, first + BAND_ROWS)
+        places = np.meshgrid(down[band], right, indexing="ij")
+        finer_m = scipy.ndimage.map_coordinates(coarse_m, places, order=1, mode="nearest")
+        np.copyto(result[band], finer_m, where=missing[band])
+    return result
+
+
+def _solve_on_image(height_m: FloatArray, missing: NDArray[np.bool_]) -> None:
+    """Improve the missing heights by conjugate gradients, whose vectors are images, in place."""
+    residual = _laplacian(height_m).astype(np.float32)
+    residual[~missing] = 0
+    direction = residual.copy()
+    square = _product(residual, residual)
+    for _ in range(FINE_ROUNDS):
+        if not square > 0:
+            break
+        change = _laplacian(direction)
+        change[~missing] = 0
+        # The equations' matrix is that of the negative Laplacian.
+        step = square / -_product(direction, change)
+        height_m += np.float32(step) * direction
+        residual += np.float32(step) * change
+        before, square = square, _product(residual, residual)
+        direction *= np.float32(square / before)
+        direction += residual
+
+
+def _laplacian(image: NDArray[Any]) -> NDArray[Any]:
+    """Return the sum of the differences of neighbours from each pixel, of those in the image."""
+    total = np.zeros_like(image)
+    for axis in (0, 1):
+        rises = np.diff(image, axis=axis)
+        before = [slice(None)] * 2
+        after = [slice(None)] * 2
+        before[axis], after[axis] = slice(None, -1), slice(1, None)
+        total[tuple(before)] += rises
+        total[tuple(after)] -= rises
+    return total
+
+
+def _product(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    return float((one * other).sum(dtype=np.float64))
 
 
 def _equations(

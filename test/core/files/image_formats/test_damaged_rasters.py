@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
+from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import from_origin
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.image_use import ELEVATION
-from oaisys_core.files.image_formats.rasters import open_raster
+from oaisys_core.files.image_formats.rasters import open_raster, without_georeference
 
 PLACE = {"crs": "EPSG:32633", "transform": from_origin(412_000, 5_322_000, 2, 2)}
 REFUSAL = r"expected an elevation model that can be read \("
@@ -57,6 +58,37 @@ def test_jpeg_2000_that_is_cut_is_refused(kept: float, tmp_path: Path) -> None:
     data = written(tmp_path / "model.jp2", "JP2OpenJPEG", QUALITY=100, REVERSIBLE="YES")
     with pytest.raises(InvalidInputError, match=REFUSAL):
         read(data[: int(kept * len(data))], "model.jp2")
+
+
+def test_dted_whose_columns_are_damaged_is_refused(tmp_path: Path) -> None:
+    """GDAL warns of each of them, and delivers heights of thousands of metres below the sea."""
+    side_px = 1201
+    half = 0.5 / (side_px - 1)
+    place = from_origin(9 - half, 47 + half, 2 * half, 2 * half)
+    shape = {"width": side_px, "height": side_px, "count": 1, "dtype": "int16"}
+    path = tmp_path / "n46.dt1"
+    with rasterio.open(path, "w", driver="DTED", crs="EPSG:4326", transform=place, **shape) as file:
+        file.write(np.full((side_px, side_px), 500, np.int16), 1)
+    data = bytearray(path.read_bytes())
+    assert read(bytes(data), path.name) == 500
+    first = len(data) // 3
+    data[first : 2 * first] = bytes(first)
+    with pytest.raises(InvalidInputError, match=REFUSAL + "Longitude count"):
+        read(bytes(data), path.name)
+
+
+def test_jpeg_2000_without_a_place_has_none(tmp_path: Path) -> None:
+    """GDAL delivered memory that nobody had written as its place."""
+    path = tmp_path / "model.jp2"
+    shape = {"width": 64, "height": 64, "count": 1, "dtype": "uint16"}
+    with (
+        pytest.warns(NotGeoreferencedWarning),
+        rasterio.open(path, "w", driver="JP2OpenJPEG", **shape) as file,
+    ):
+        file.write(np.full((64, 64), 7, np.uint16), 1)
+    with without_georeference(), open_raster(path.read_bytes(), ELEVATION, path.name) as found:
+        assert found.transform.is_identity
+        assert found.crs is None
 
 
 def test_a_tiff_whose_strips_are_nowhere_is_refused(tmp_path: Path) -> None:

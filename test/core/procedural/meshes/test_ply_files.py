@@ -272,6 +272,14 @@ def test_strips_beside_faces_are_refused(tmp_path: Path) -> None:
         load(tmp_path, header, "\n".join([*ANGLE, "3 0 1 2", "4 2 3 4 5\n"]))
 
 
+def test_a_list_as_a_coordinate_is_refused_in_words(tmp_path: Path) -> None:
+    """NumPy said "format number 2 of ... is not recognized"."""
+    header = XYZ.replace("property float x", "property list uchar float x")
+    body = "1 0 0 0\n1 1 0 0\n1 0 1 0\n3 0 1 2\n"
+    with pytest.raises(InvalidInputError, match="one number as x, not a list"):
+        load(tmp_path, f"element vertex 3\n{header}{FACES}", body)
+
+
 @pytest.mark.parametrize("count", ["9" * 5000, "--5", "1_0"])
 def test_a_count_that_is_no_number_is_refused(tmp_path: Path, count: str) -> None:
     with pytest.raises(InvalidInputError, match="a header that names each element with its number"):

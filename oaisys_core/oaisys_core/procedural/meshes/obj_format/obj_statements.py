@@ -24,7 +24,7 @@ ABSENT = -(2**62)
 LEFT_OUT = frozenset(
     (
         *(b"g", b"s", b"mg", b"p", b"l", b"lod", b"bevel", b"c_interp", b"d_interp", b"vp"),
-        *(b"ctech", b"stech", b"shadow_obj", b"trace_obj", b"usemap", b"maplib"),
+        *(b"ctech", b"stech", b"shadow_obj", b"trace_obj"),
     )
 )
 """Statements that neither shape nor colour a surface of polygons."""

@@ -124,8 +124,8 @@ def test_what_is_against_the_specification_is_refused_by_its_line(
 
 def test_unknown_statements_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
-        load(tmp_path, SQUARE + "s 1\ng wall\nF 1 3 4\nf 1 2 3\n")
-    assert "lines that begin with 'F' are not read" in caplog.text
+        load(tmp_path, SQUARE + "s 1\ng wall\nusemap wood\nF 1 3 4\nf 1 2 3\n")
+    assert "lines that begin with 'usemap', 'F' are not read" in caplog.text
     assert "'g'" not in caplog.text
 
 
