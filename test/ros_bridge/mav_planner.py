@@ -99,7 +99,7 @@ class Planner(Node):
         self._goal: Pose | None = None
         self._command = MultiDOFJointTrajectory()
         self._arrived: int | None = None
-        self._views = 0
+        self._views, self._asked_again = 0, 0
         self._clouds: dict[int, PointCloud2] = {}
         self._transforms: dict[int, TransformStamped] = {}
         self._integrated = -1
@@ -150,7 +150,9 @@ class Planner(Node):
             if self._integrated >= self._arrived:
                 self._plan()
         elif now_s > self._asked_s + AGAIN_S and is_same(self._pose, self._begin):
-            self._publish()  # who flies may not have known this publisher yet
+            # Who flies may not have known this publisher yet; or else it flies there twice.
+            self._asked_again += len(self._command.points)
+            self._publish()
 
     def _plan(self) -> None:
         best = None
@@ -158,7 +160,8 @@ class Planner(Node):
             best = self._best_view()
         if best is None:
             known = float((self._voxels.state != UNKNOWN).mean())
-            self.get_logger().info(f"explored: {self._views} views, {known:.3f} of the box known")
+            views = f"{self._views} views, {self._asked_again} of them asked for again"
+            self.get_logger().info(f"explored: {views}, {known:.3f} of the box known")
             self.is_done = True
             return
         assert self._pose is not None
