@@ -126,7 +126,8 @@ class LookConfig(Section):
         anti_tiling: How repetition is hidden: ``voronoi`` rotates and shifts the texture in each
             cell, ``stochastic`` blends shifted copies on a triangular lattice; None for
             ``voronoi`` where it would be seen (regolith, rock, bedrock, basalt, lava, ice, mud,
-            moss, leaf_litter), and for ``none`` with other built-in textures and folders.
+            clay_cracks, salt_crust, moss, leaf_litter), and for ``none`` with other built-in
+            textures and folders.
         cell_tiles: Cell size of ``anti_tiling``, in tiles.
         rotation_deg: Largest rotation of a Voronoi cell to either side.
         share: Share of the ground relative to other layers; None counts as 1 if another layer has

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from oaisys_core import randomness
 from oaisys_core.procedural.terrain.craters import DEPTH_SHARE, crater_field
 from oaisys_core.procedural.terrain.erosion import REPOSE_DEG, slides
 from oaisys_core.procedural.terrain.landform import (
@@ -54,6 +55,9 @@ def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     p, q = _rotate_grid(spec.extent_m, SAND_PX, rng)
     u, v = p / length_m, q / length_m
     bend = 0.75 * fractal(u / 2.2, v / 2.2, rng, octaves=2) + 0.12 * fractal(u, v, rng, octaves=2)
+    # Crests wind to and fro within a few of their heights.
+    winding = randomness.child(rng, "winding")
+    bend = bend + 0.09 * fractal(2.5 * u, 2.5 * v, winding, octaves=2)
     size = np.clip(0.75 + 0.55 * fractal(u / 1.7, v / 1.7, rng, octaves=2), 0.15, 1.2)
     second = _dune(2.7 * u + 0.8 * fractal(u, v, rng, octaves=2))
     sand_m = height_m * (size * _dune(u + bend) + 0.16 * second)

@@ -159,5 +159,7 @@ def _cracks(rims_m: list[Field], rng: np.random.Generator) -> tuple[Field, Field
 
 
 RECIPES: dict[str, Recipe] = {
-    "clay_cracks": Recipe(clay_cracks, TILE_M, albedo=(0.2, 0.35), exposure=-0.6, size_px=BAKED_PX),
+    "clay_cracks": Recipe(
+        clay_cracks, TILE_M, albedo=(0.2, 0.35), exposure=-0.6, stands_out=True, size_px=BAKED_PX
+    ),
 }

@@ -110,5 +110,7 @@ def _plates(size_px: int, rng: np.random.Generator) -> tuple[Field, Field, Field
 
 
 RECIPES: dict[str, Recipe] = {
-    "salt_crust": Recipe(salt_crust, TILE_M, albedo=(0.45, 0.65), exposure=-0.8, size_px=BAKED_PX),
+    "salt_crust": Recipe(
+        salt_crust, TILE_M, albedo=(0.45, 0.65), exposure=-0.8, size_px=BAKED_PX, stands_out=True
+    ),
 }
