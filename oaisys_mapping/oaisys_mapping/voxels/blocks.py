@@ -21,7 +21,7 @@ from oaisys_mapping.voxels.block_layout import (
 COPIED_BLOCKS = 256
 """Blocks that are copied at a time when the grid grows."""
 
-INITIAL_BLOCKS = 2_000
+INITIAL_BLOCKS = 10_000
 """Blocks reserved at first, 12 kB each; the grid grows by doubling."""
 
 SEARCH_STRIDE_PX = 4
