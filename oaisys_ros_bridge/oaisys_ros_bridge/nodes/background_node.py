@@ -9,13 +9,13 @@ from typing import Any, Self
 
 import rclpy
 from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_ros_bridge.nodes.node_start import start_node
-from oaisys_ros_bridge.nodes.spinning import SPIN_WAIT_S, end_spin
+from oaisys_ros_bridge.nodes.spinning import end_spin, spin_until
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import ParameterTable
 
@@ -50,7 +50,12 @@ class BackgroundNode:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._spin, name=f"{name} executor", daemon=True)
+        self._thread = threading.Thread(
+            target=spin_until,
+            args=(self._executor, self._closed),
+            name=f"{name} executor",
+            daemon=True,
+        )
 
     def start(self) -> None:
         """Begin to handle messages."""
@@ -58,8 +63,7 @@ class BackgroundNode:
 
     def close(self) -> None:
         """Destroy the node and shut rclpy down."""
-        self._closed.set()
-        end_spin(self._executor)
+        end_spin(self._executor, self._closed)
         # Its thread must not begin to wait while handles and context are destroyed.
         if self._thread.is_alive():
             self._thread.join(timeout=CLOSE_TIMEOUT_S)
@@ -123,13 +127,6 @@ class BackgroundNode:
                     raise DeadlineExceededError(f"waited {timeout_s:g} s for {what}")
                 check()
                 self.changed.wait(min(left_s, CHECK_PERIOD_S))
-
-    def _spin(self) -> None:
-        try:
-            while not self._closed.is_set():
-                self._executor.spin_once(timeout_sec=SPIN_WAIT_S)
-        except ExternalShutdownException:
-            return
 
 
 def _node_without_parameters(name: str) -> ParameterNode:

@@ -11,13 +11,13 @@ from queue import SimpleQueue
 from typing import Protocol
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 
 from oaisys_core.errors import OaisysError, ShortageError
 from oaisys_core.system.ending.signals import end_service_at_signals, exit_at_once
 from oaisys_ros_bridge.nodes.node_start import start_node
-from oaisys_ros_bridge.nodes.spinning import SPIN_WAIT_S, end_spin
+from oaisys_ros_bridge.nodes.spinning import end_spin, spin_until
 from oaisys_ros_bridge.private.executor_threads import wait_for_threads
 from oaisys_ros_bridge.services import is_any_request_served
 
@@ -113,10 +113,7 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
 
     def spin() -> None:
         try:
-            while not closed.is_set():
-                executor.spin_once(timeout_sec=SPIN_WAIT_S)
-        except ExternalShutdownException:
-            pass
+            spin_until(executor, closed)
         finally:
             if not stop.is_set():
                 ended_by_itself.set()
@@ -130,8 +127,7 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
         pass
     node.close()
     # The executor must not be waiting when its handles are destroyed.
-    closed.set()
-    end_spin(executor)
+    end_spin(executor, closed)
     spinner.join(timeout=CALLBACKS_END_S)
     # Nor may a callback that ends now wake it afterwards.
     executor.wait_for_callbacks(CALLBACKS_END_S)

@@ -59,9 +59,9 @@ def world(tmp_path: Path) -> Path:
     return path
 
 
-def command(world: Path, out: Path, *more: str) -> list[str]:
+def command(world: Path, out: Path, *more: str, name: str = "survey") -> list[str]:
     return [
-        *(sys.executable, "-m", "oaisys_core", "survey"),
+        *(sys.executable, "-m", "oaisys_core", *name.split()),
         *("--config", str(world), "--out", str(out), *more),
     ]
 
@@ -291,10 +291,9 @@ def test_a_certificate_that_is_not_issued_leaves_no_folder(
     """Its command was killed at once, although a survey has processes and folders to end."""
     folder = tmp_path / "t"
     folder.mkdir()
-    survey_command = command(world, tmp_path / "out", "--backend", "analytic", "--no-bag")
-    at = survey_command.index("survey")
+    options = ("--backend", "analytic", "--no-bag")
     with subprocess.Popen(
-        [*survey_command[:at], "certificate", "issue", *survey_command[at + 1 :]],
+        command(world, tmp_path / "out", *options, name="certificate issue"),
         env={**environment(ros_domain_id), "TMPDIR": str(folder)},
         stderr=subprocess.PIPE,
         text=True,

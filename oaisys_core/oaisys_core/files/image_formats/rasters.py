@@ -63,7 +63,7 @@ _IN_MEMORY = {
     "GDAL_NUM_THREADS": "1",
 }
 
-# Where a file lies, worldfiles may lie beside it. With this option GDAL (3.9) delivers memory that
+# Where a file lies, worldfiles may lie beside it. With this option GDAL (3.10) delivers memory that
 # nobody has written as the place of a JPEG 2000 file that has none.
 _ALONE = {**_IN_MEMORY, "GDAL_GEOREF_SOURCES": "INTERNAL"}
 

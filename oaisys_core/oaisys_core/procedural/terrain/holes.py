@@ -110,13 +110,10 @@ def _solve_on_image(height_m: FloatArray, missing: NDArray[np.bool_]) -> None:
 def _laplacian(image: NDArray[Any]) -> NDArray[Any]:
     """Return the sum of the differences of neighbours from each pixel, of those in the image."""
     total = np.zeros_like(image)
-    for axis in (0, 1):
-        rises = np.diff(image, axis=axis)
-        before = [slice(None)] * 2
-        after = [slice(None)] * 2
-        before[axis], after[axis] = slice(None, -1), slice(1, None)
-        total[tuple(before)] += rises
-        total[tuple(after)] -= rises
+    for along, total_along in ((image, total), (image.T, total.T)):
+        rises = np.diff(along, axis=0)
+        total_along[:-1] += rises
+        total_along[1:] -= rises
     return total
 
 

@@ -56,8 +56,7 @@ def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     u, v = p / length_m, q / length_m
     bend = 0.75 * fractal(u / 2.2, v / 2.2, rng, octaves=2) + 0.12 * fractal(u, v, rng, octaves=2)
     # Crests wind to and fro within a few of their heights.
-    winding = randomness.child(rng, "winding")
-    bend = bend + 0.09 * fractal(2.5 * u, 2.5 * v, winding, octaves=2)
+    bend += 0.09 * fractal(2.5 * u, 2.5 * v, randomness.child(rng, "winding"), octaves=2)
     size = np.clip(0.75 + 0.55 * fractal(u / 1.7, v / 1.7, rng, octaves=2), 0.15, 1.2)
     second = _dune(2.7 * u + 0.8 * fractal(u, v, rng, octaves=2))
     sand_m = height_m * (size * _dune(u + bend) + 0.16 * second)

@@ -44,11 +44,11 @@ SHAPERS: dict[str, Shaper] = {
 }
 """Presets whose land something else than water has shaped."""
 
-WALLED = frozenset({"alpine", "canyon", "large_terrain", "mesa", "mountain_1", "mountain_2"})
-"""Presets with walls of rock."""
-
 SHAPERS_OF_BODIES: dict[str, Shaper] = {"moon": "impacts", "mars": "wind"}
 """The same of bodies, for other presets."""
+
+WALLED = frozenset({"alpine", "canyon", "large_terrain", "mesa", "mountain_1", "mountain_2"})
+"""Presets with walls of rock."""
 
 
 class StageModule(Module):

@@ -78,7 +78,7 @@ def test_bare_rock_and_ledges_are_the_whole_face(seed: int) -> None:
 
 
 def test_ledges_are_level_in_a_wall_and_bare_rock_is_steep() -> None:
-    """In a wall of 60 degrees; areas are those seen from above."""
+    """In a wall of 60 degrees, in the mean over their area."""
     up = np.array((0.0, np.sin(np.radians(60)), np.cos(np.radians(60))))
     face = make_rock_face("face", np.random.default_rng(1))
     slopes_deg = []

@@ -57,10 +57,10 @@ def draw_rock_faces(
         shape_of = randomness.child(own, "shapes").integers(SHAPES, size=len(T_map_object))
         cover, is_covered = cover_of_ledges(material, T_map_object[:, :2, 3])
         faces.add(index, shapes, T_map_object[~is_covered], shape_of[~is_covered])
-        parts = [bare_and_ledges(each) for each in shapes]
-        for layer_of, of in ((index, 0), (cover, 1)):
-            on_these = [part[of] for part in parts]
-            faces.add(layer_of, on_these, T_map_object[is_covered], shape_of[is_covered])
+        if is_covered.any():
+            bare, ledges = zip(*(bare_and_ledges(each) for each in shapes), strict=True)
+            faces.add(index, bare, T_map_object[is_covered], shape_of[is_covered])
+            faces.add(cover, ledges, T_map_object[is_covered], shape_of[is_covered])
     return faces.prototypes, faces.placements
 
 
