@@ -16,6 +16,7 @@ import socket
 from collections.abc import Iterator
 
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_ros_bridge.shared_memory import foreign_ports
 
 TF = "/tf"
 TF_STATIC = "/tf_static"
@@ -59,12 +60,19 @@ def namespace_arguments(namespace: str, *, has_own_tf: bool = True) -> list[str]
     return ["--ros-args", *(argument for rule in rules for argument in ("-r", rule))]
 
 
+def current_domain() -> int:
+    """Return the number of this process's ROS domain; 0 where it is not set, or is no number."""
+    number = os.environ.get(DOMAIN_VARIABLE, "")
+    return int(number) if number.isascii() and number.isdigit() else 0
+
+
 @contextlib.contextmanager
 def claim_domain() -> Iterator[int]:
     """Claim a ROS domain for as long as the block lasts, and yield its number.
 
     The claim is the name of a socket, which the kernel takes back when the process ends. Processes
-    of all users see it, so two of them never get the same domain.
+    of all users see it, so two of them never get the same domain. One in which another user has
+    files of Fast DDS is left to that user.
 
     Raises:
         OaisysError: Other processes have claimed all of them.
@@ -76,6 +84,8 @@ def claim_domain() -> Iterator[int]:
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
                     raise OaisysError(f"no ROS domain can be claimed: {error}") from error
+                continue
+            if any(foreign_ports(number)):
                 continue
             yield number
             return

@@ -1,16 +1,27 @@
-"""Says where shared memory is full: what ROS loads ends the process there, without a word."""
+"""Says where shared memory is full or planted, in which ROS would end or hang without a word."""
 
 from __future__ import annotations
 
+import fcntl
 import os
+import re
 import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from oaisys_core.errors import ShortageError
+from oaisys_core.errors import OaisysError, ShortageError
 
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - Linux's name for it
 LOADING_BYTES = 16 * 2**10
 """What LTTng, which rclpy loads, needs there at least: two files of a page, and some room."""
+
+FIRST_PORT, PORTS_OF_DOMAIN = 7400, 250
+"""Port of the first ROS domain, and ports of each (RTPS 2.2, 9.6.1.1)."""
+
+_PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)(?:_el|_sl|_mutex)?")
+"""Names of Fast DDS's files for a port: the port itself, two locks, and a mutex."""
 
 
 def require_shared_memory(folder: Path = SHARED_MEMORY) -> None:
@@ -27,3 +38,48 @@ def require_shared_memory(folder: Path = SHARED_MEMORY) -> None:
     files = folder.glob(f"lttng-ust-wait-*-{os.getuid()}")
     if not any(file.stat().st_blocks for file in files):
         raise ShortageError(f"{folder} is full: ROS cannot be loaded without shared memory")
+
+
+def require_safe_ports(domain: int, folder: Path = SHARED_MEMORY) -> None:
+    """Do nothing where no other user has planted what Fast DDS opens for a ROS domain's ports.
+
+    It follows links there, and waits for ever for the mutex of a port that nobody has made.
+
+    Raises:
+        OaisysError: A link, or a port of another user that no program of theirs holds.
+    """
+    for path in foreign_ports(domain, folder):
+        if path.is_symlink() or not _is_held(path):
+            raise OaisysError(
+                f"{path} is a link or another user's, and no program of theirs uses it: remove it,"
+                " or set another ROS_DOMAIN_ID"
+            )
+
+
+def foreign_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Path]:
+    """Yield links and what others than this user have under names of a ROS domain's ports."""
+    first = FIRST_PORT + PORTS_OF_DOMAIN * domain
+    for path in folder.iterdir() if folder.is_dir() else ():
+        found = _PORT.fullmatch(path.name)
+        if found and first <= int(found[1]) < first + PORTS_OF_DOMAIN:
+            with suppress(FileNotFoundError):  # its program has ended since
+                status = path.lstat()
+                if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
+                    yield path
+
+
+def _is_held(path: Path) -> bool:
+    """Return whether a program that listens to a file's port holds its lock, as Fast DDS does."""
+    found = _PORT.fullmatch(path.name)
+    assert found is not None
+    for kind in ("_el", "_sl"):
+        lock = path.with_name(f"fastrtps_port{found[1]}{kind}")
+        with suppress(OSError):
+            descriptor = os.open(lock, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+            finally:
+                os.close(descriptor)
+    return False

@@ -7,7 +7,8 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
-from oaisys_ros_bridge.shared_memory import SHARED_MEMORY
+from oaisys_ros_bridge.namespaces import current_domain
+from oaisys_ros_bridge.shared_memory import SHARED_MEMORY, require_safe_ports
 
 NEEDED_BYTES = 512 * 2**20
 """Free shared memory for the segments of ``fastdds.xml`` in eight participants."""
@@ -16,6 +17,9 @@ SEGMENTS = ("fastrtps_", "fastdds_", "fast_datasharing")
 """How the names of Fast DDS's segments begin."""
 
 PROFILES = Path(__file__).with_name("fastdds.xml")
+
+FAST_DDS = "fastrtps"
+"""Part of the names of the middlewares with Fast DDS; one of them is ROS's default."""
 
 OVERRIDES = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
@@ -28,9 +32,14 @@ OVERRIDES = (
 def prepare_transport() -> None:
     """Use ``fastdds.xml`` in this process and its children; call it before `rclpy.init`.
 
-    Does nothing if the user has configured Fast DDS, or if there is too little shared memory, such
-    as a container's 64 MB.
+    Leaves it as it is if the user has configured Fast DDS, or if there is too little shared memory,
+    such as a container's 64 MB.
+
+    Raises:
+        OaisysError: Another user has planted something in shared memory, see `require_safe_ports`.
     """
+    if FAST_DDS in os.environ.get("RMW_IMPLEMENTATION", FAST_DDS):
+        require_safe_ports(current_domain())
     if any(name in os.environ for name in OVERRIDES) or not SHARED_MEMORY.is_dir():
         return
     if shutil.disk_usage(SHARED_MEMORY).free >= NEEDED_BYTES:
@@ -45,5 +54,9 @@ def hide_shared_memory() -> None:
     for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
         path = Path(line.split(maxsplit=5)[-1])
         if path.parent == SHARED_MEMORY and path.name.startswith(SEGMENTS):
-            with suppress(OSError):  # removed since, or another user's
-                path.chmod(0o600)
+            with suppress(OSError):  # removed since, a link in its place, or another user's
+                descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+                try:
+                    os.fchmod(descriptor, 0o600)
+                finally:
+                    os.close(descriptor)
