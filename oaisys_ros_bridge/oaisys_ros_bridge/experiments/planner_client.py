@@ -160,8 +160,10 @@ class PlannerClient(BackgroundNode):
         header = Header(frame_id=map_frame)
         stamped = [pose_to_stamped_msg(pose, header).pose for pose in poses]
         goal = Sweep.Goal(poses=PoseArray(header=header, poses=stamped))
-        handle = result_of(self._sweep.send_goal_async(goal), "sweep", DISCOVERY_TIMEOUT_S)
-        result: Sweep.Result = result_of(handle.get_result_async(), "sweep", timeout_s).result
+        sent = self.send(lambda: self._sweep.send_goal_async(goal), "sweep", DISCOVERY_TIMEOUT_S)
+        handle = result_of(sent, "sweep", DISCOVERY_TIMEOUT_S)
+        answer = self.send(handle.get_result_async, "sweep", timeout_s)
+        result: Sweep.Result = result_of(answer, "sweep", timeout_s).result
         if not result.success:
             raise RenderError(f"sweep failed: {result.message}")
         return result

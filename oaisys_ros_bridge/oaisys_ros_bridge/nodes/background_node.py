@@ -101,6 +101,18 @@ class BackgroundNode:
 
         self.node.create_subscription(message_type, topic, handle_and_notify, qos)
 
+    def send(self, begin: Callable[[], Future], name: str, timeout_s: float) -> Future:
+        """Return the future of what ``begin`` asks an action for, in the thread that is answered.
+
+        rclpy notes that it awaits an answer after it has asked: in another thread, a fast answer
+        came before that and was dropped.
+
+        Raises:
+            DeadlineExceededError: That thread did not get to it in time.
+        """
+        future: Future = result_of(self._executor.create_task(begin), name, timeout_s)
+        return future
+
     def wait(
         self,
         what: str,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -67,20 +67,22 @@ class DriveClient(BackgroundNode):
             self._recorder.wait(START_TIMEOUT_S)
         if not self._client.wait_for_server(START_TIMEOUT_S):
             raise DeadlineExceededError(f"nobody offers {ACTION}")
-        handle = result_of(
-            self._client.send_goal_async(goal, self._on_feedback), ACTION, ANSWER_TIMEOUT_S
-        )
-        future: Future = handle.get_result_async()
+        sent = self._send(lambda: self._client.send_goal_async(goal, self._on_feedback))
+        handle = result_of(sent, ACTION, ANSWER_TIMEOUT_S)
+        future = self._send(handle.get_result_async)
         future.add_done_callback(self._notify)
         try:
             self.wait("the end of the drive", future.done, float("inf"), raise_if_received)
         except KeyboardInterrupt:
-            handle.cancel_goal_async()
+            self._send(handle.cancel_goal_async)
             self.wait("the end of the cancelled drive", future.done, ANSWER_TIMEOUT_S)
         answer = future.result()
         if answer.status == GoalStatus.STATUS_CANCELED:
             say("cancelled")
         return answer.result
+
+    def _send(self, begin: Callable[[], Future]) -> Future:
+        return self.send(begin, ACTION, ANSWER_TIMEOUT_S)
 
     def _on_ready(self, message: Bool) -> None:
         self._is_ready = message.data
