@@ -136,16 +136,17 @@ def test_an_empty_environment_with_the_extra_is_small_and_reads(
 ) -> None:
     wheels = built_wheels(tmp_path)
     root = tmp_path / "empty"
-    venv.create(root, with_pip=True)
+    venv.create(root)
     python = str(root / "bin/python")
-    before = set(site_packages(root).iterdir())
-    command = [python, "-m", "pip", "install", "--find-links", str(wheels), "oaisys-dataset[read]"]
+    pip = [sys.executable, "-m", "pip", "--python", python]
+    command = [*pip, "install", "--find-links", str(wheels), "oaisys-dataset[read]"]
     clean = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     installed = subprocess.run(command, env=clean, capture_output=True, text=True, check=False)
     if installed.returncode and any(sign in installed.stderr for sign in NO_NETWORK):
         pytest.skip(f"no package index can be reached: {installed.stderr.strip()[-200:]}")
     assert installed.returncode == 0, installed.stderr
-    added = [path for path in site_packages(root).iterdir() if path not in before]
+    (packages,) = root.glob("lib/python*/site-packages")
+    added = list(packages.iterdir())
     files = [file for path in added for file in (path, *path.rglob("*")) if file.is_file()]
     assert sum(file.stat().st_size for file in files) < LARGEST_MB * 1e6
     names = {path.name.partition("-")[0].lower() for path in added}
@@ -155,19 +156,13 @@ def test_an_empty_environment_with_the_extra_is_small_and_reads(
 
 def built_wheels(folder: Path) -> Path:
     """Return a folder with wheels of this repository's packages; the repository is not changed."""
-    for package in ("oaisys_core", "oaisys_dataset"):
-        source = folder / "source" / package
+    sources = [folder / "source" / package for package in ("oaisys_core", "oaisys_dataset")]
+    for source in sources:
         ignored = shutil.ignore_patterns("__pycache__", "build", "*.egg-info")
-        shutil.copytree(REPOSITORY / package, source, ignore=ignored)
-        command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
-        subprocess.run(
-            [*command, "--wheel-dir", str(folder / "wheels"), str(source)],
-            check=True,
-            capture_output=True,
-        )
-    return folder / "wheels"
-
-
-def site_packages(root: Path) -> Path:
-    (found,) = root.glob("lib/python*/site-packages")
-    return found
+        shutil.copytree(REPOSITORY / source.name, source, ignore=ignored)
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
+    wheels = folder / "wheels"
+    subprocess.run(
+        [*command, "--wheel-dir", str(wheels), *map(str, sources)], check=True, capture_output=True
+    )
+    return wheels

@@ -252,12 +252,21 @@ def run_in_own_process(code: str, folder: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.usefixtures("no_process_left")
-def test_a_forked_process_ends_nothing_of_its_parents(tmp_path: Path) -> None:
+def test_a_fork_ends_nothing_of_its_parents_who_removed_what_a_dead_program_had_left(
+    tmp_path: Path,
+) -> None:
     """Python's end in the fork ended the parent's simulator, and removed its folder."""
+    code = "from oaisys_core.system.owned_folders import OwnedFolder; import os; "
+    code += "OwnedFolder('oaisys-gym-'); os._exit(0)"
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    other = tmp_path / "oaisys-gym-other"
+    other.mkdir()
+    assert len(list(tmp_path.iterdir())) == 2
     with run_in_own_process(FORK, tmp_path) as program:
         said, _ = program.communicate(timeout=START_PATIENCE_S)
     assert said.startswith(f"goes on {tmp_path}")
-    assert not list(tmp_path.glob("oaisys-gym-*"))
+    assert list(tmp_path.glob("oaisys-gym-*")) == [other]
 
 
 @pytest.mark.usefixtures("no_process_left")
@@ -284,19 +293,6 @@ def test_a_killed_program_leaves_no_folder(number: signal.Signals, tmp_path: Pat
             for path in tmp_path.rglob("*")
         },
     )
-
-
-def test_what_a_dead_program_has_left_is_gone_after_the_next_start(tmp_path: Path) -> None:
-    code = "from oaisys_core.system.owned_folders import OwnedFolder; import os; "
-    code += "OwnedFolder('oaisys-gym-'); os._exit(0)"
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
-    other = tmp_path / "oaisys-gym-other"
-    other.mkdir()
-    assert len(list(tmp_path.iterdir())) == 2
-    with run_in_own_process(FORK, tmp_path) as program:
-        program.communicate(timeout=START_PATIENCE_S)
-    assert list(tmp_path.glob("oaisys-gym-*")) == [other]
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -28,8 +29,9 @@ def coarse_clouds() -> Iterator[None]:
         stack.callback(_forget_clouds)
         for module in (dome, daylight):
             stack.enter_context(mock.patch.multiple(module, ROWS=rows, COLUMNS=columns))
-        if BLENDER_NODES in sys.modules:
-            stack.enter_context(mock.patch.object(sys.modules[BLENDER_NODES], "ROWS", rows))
+        if "bpy" in sys.modules:
+            nodes = importlib.import_module(BLENDER_NODES)
+            stack.enter_context(mock.patch.object(nodes, "ROWS", rows))
         _forget_clouds()
         yield
 

@@ -1,4 +1,4 @@
-"""``oaisys explore`` in a small world, as a user runs it."""
+"""``oaisys explore`` in a small world, as a user runs it, and processes of an experiment."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+
+import psutil
 
 WORLD = """
 seed: 4
@@ -31,3 +33,13 @@ def run(
         timeout=300,
         check=False,
     )
+
+
+def recorder_of(experiment: subprocess.Popen[bytes]) -> psutil.Process:
+    """Return the process of an experiment's recorder."""
+    (recorder,) = (
+        child
+        for child in psutil.Process(experiment.pid).children(recursive=True)
+        if "oaisys_ros_bridge.nodes.recorder" in child.cmdline()
+    )
+    return recorder

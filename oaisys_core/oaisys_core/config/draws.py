@@ -208,17 +208,17 @@ def _separate(data: Any, kinds: list[Any], at: Location, found: Draws) -> Any:
         # Draws inside of an option are found when that option is checked, and when it is drawn.
         return _separate(draw.options[0], _kinds(kinds, draw.options[0]), at, {})
     if isinstance(data, Mapping):
-        return {
-            key: _separate(value, _kinds(_types_below(kinds, key), value), (*at, key), found)
-            for key, value in data.items()
-        }
+        return {key: _inner(value, kinds, at, key, found) for key, value in data.items()}
     if isinstance(data, list | tuple):
-        items = enumerate(data)
-        return [
-            _separate(value, _kinds(_types_below(kinds, i), value), (*at, i), found)
-            for i, value in items
-        ]
+        return [_inner(value, kinds, at, index, found) for index, value in enumerate(data)]
     return data
+
+
+def _inner(value: Any, kinds: list[Any], at: Location, part: int | str, found: Draws) -> Any:
+    """Return an entry without draws; what has no entries itself is none."""
+    if not isinstance(value, list | tuple | Mapping):
+        return value
+    return _separate(value, _kinds(_types_below(kinds, part), value), (*at, part), found)
 
 
 def _draw(data: Any, kinds: list[Any], at: Location) -> Draw | None:

@@ -20,7 +20,7 @@ from oaisys_core.world.module import Metadata, Module, World
 
 Json = dict[str, Any]
 BOUNDED = settings(
-    max_examples=4,
+    max_examples=3,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
@@ -78,18 +78,13 @@ def other() -> Iterator[OtherProcess]:
 @pytest.mark.long
 @given(data=configs())
 @BOUNDED
-def test_two_processes_render_the_same_bytes_whatever_module_is_added(
+def test_two_processes_render_the_same_bytes_of_a_seed_whatever_module_is_added(
     other: OtherProcess, data: Json
 ) -> None:
     other.begin(data)
     here = digest(data, Greedy())
+    assert digest({**data, "seed": data["seed"] + 1}) != here
     assert other.digest() == here
-
-
-@given(data=configs())
-@settings(BOUNDED, max_examples=2)
-def test_another_seed_is_another_world(data: Json) -> None:
-    assert digest(data) != digest({**data, "seed": data["seed"] + 1})
 
 
 @pytest.mark.long

@@ -24,7 +24,7 @@ def topic_of(path: Path) -> str:
 
 TOPICS = sorted({topic_of(path) for path in EXAMPLES})
 SAMPLES = 2
-STILL = {"materials", "stage", "textures"}
+STILL = {"materials", "stage", "textures", "world"}
 """Topics whose second sample would show what the first one does."""
 
 IN_BLENDER = {

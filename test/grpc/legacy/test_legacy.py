@@ -236,7 +236,7 @@ def _begun(client: OriginalClient, sample_id: int) -> Any:
 
 
 @pytest.mark.long
-def test_states_tell_the_truth(
+def test_states_tell_the_truth_and_overlapping_steps_are_refused(
     start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:
     """Nothing is finished before it is, or still finished when something else has begun."""
@@ -263,15 +263,11 @@ def test_states_tell_the_truth(
     assert (begun.state, list(begun.filePathList)) == (IDLE, [])
     client.wait_for_batch()
     assert client.call("BatchCreationFinished").state == FINISHED
+    refuse_overlapping_steps(client)
 
 
-@pytest.mark.long
-def test_overlapping_steps_are_refused_and_touch_nothing(
-    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
-) -> None:
-    options = ("--legacy-out", str(tmp_path / "out"))
-    client = connect(start_server(FLAT_WORLD, *options, **SLOW))
-    client.new_batch()
+def refuse_overlapping_steps(client: OriginalClient) -> None:
+    """They touch nothing."""
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(client.step_sample, (0, 0, 5))
         wait_until(lambda: client.call("RenderFinished").state == BUSY)

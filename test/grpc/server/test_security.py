@@ -21,7 +21,7 @@ from certificates import Authority
 from commands import oaisys_here
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, Server
-from waiting import PATIENCE_S, START_PATIENCE_S
+from waiting import PATIENCE_S, SHUTDOWN_S, START_PATIENCE_S, within
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.section import Section
@@ -202,8 +202,11 @@ def test_a_socket_is_its_owners_and_goes_with_its_server(
         assert "listens there already" in second.stderr.read_text()
         assert path.stat().st_ino == before
         assert client.render_sample(NADIR).sample_id == 1
-        client.end_simulation()
-    assert server.process.wait(PATIENCE_S) == 0
+        worker = server.worker()
+        with within(SHUTDOWN_S):
+            client.end_simulation()
+            assert server.process.wait(PATIENCE_S) == 0
+    assert not worker.is_running()
     assert not path.exists()
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 # Comes before anything that loads Open3D.
 import bpy  # noqa: F401
+from coarse_clouds import coarse_clouds
 
 from oaisys_core.config import SimulationConfig, adjust, load_config
 from oaisys_core.simulation import Simulation
@@ -17,7 +18,7 @@ MIN_GRID_PX = 65
 MAX_ROCKS = 15
 MAX_THINGS = 3000
 """Of a group: those of `assets_pebbles` are in view, of which there are 100,000 without it."""
-MAX_VARIANTS = 2
+MAX_VARIANTS = 1
 
 
 def rendered(paths: list[str], samples: int, backend: str = "blender") -> dict[str, dict[str, Any]]:
@@ -25,7 +26,8 @@ def rendered(paths: list[str], samples: int, backend: str = "blender") -> dict[s
     configs = {Path(path).stem: load_config(Path(path)) for path in paths}
     # Only then the backend: afterwards nobody knows any more what a file has given.
     small_ones = {name: adjust(_on_plain(each), backend=backend) for name, each in configs.items()}
-    return {name: _rendered(each, samples) for name, each in small_ones.items()}
+    with coarse_clouds():
+        return {name: _rendered(each, samples) for name, each in small_ones.items()}
 
 
 def _on_plain(config: SimulationConfig) -> SimulationConfig:

@@ -24,11 +24,14 @@ def ignore(progress: Progress) -> None:
 
 
 def views(cases: Sequence[tuple[Scene, PlacedCamera]], samples: int = 1) -> list[tuple[Frame, ...]]:
-    """Frames of one camera in each world."""
+    """Frames of one camera in each world, which is built once for cases that share it in turn."""
     backend = BlenderBackend()
     frames = []
+    built: Scene | None = None
     for scene, camera in cases:
-        backend.build(scene, ignore)
+        if scene is not built:
+            backend.build(scene, ignore)
+            built = scene
         linear = settings(samples, exposure_ev=-BASE_EXPOSURE_EV)
         wanted = replace(linear, view_transform="raw")
         frames.append(backend.render_all([camera], wanted, ignore))

@@ -26,6 +26,8 @@ STACK = 255
 NOTHING: dict[str | int, Any] = {}
 
 TOO_BIG = "out of SVM stack space"
+STEP = 4
+"""How near `stack_use` comes, from above: each halving of it takes a render more."""
 
 
 def stack_use(materials: Sequence[TerrainMaterial], sky: Sky) -> list[int]:
@@ -63,7 +65,7 @@ def _padded(material: TerrainMaterial, sky: Sky) -> _Padding:
 
 def _use(padding: _Padding) -> int:
     least, most = -1, STACK
-    while most - least > 1:
+    while most - least > STEP:
         middle = (least + most) // 2
         if _fits(padding, middle):
             least = middle

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from commands import oaisys, oaisys_here
+from commands import oaisys_here
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
@@ -41,7 +41,7 @@ class Recorded:
             "backend": "analytic",
             "stage": {"resolution_px": 65, "extent_m": 30.0, "surroundings": "plain"},
         }
-        world |= {"materials": SMALL_MATERIALS}
+        world |= {"materials": SMALL_MATERIALS, "assets": {"rocks": [{"count": [8, 8]}]}}
         self.config = config_from_mapping({**world, "sensors": {"cameras": cameras}})
         self.prefixes = {c["name"]: c["name"] if len(cameras) > 1 else "camera" for c in cameras}
         self.simulation = Simulation(self.config)
@@ -77,6 +77,12 @@ class Recorded:
             self.write(name, "sensor_msgs/msg/Image", image)
 
 
+def repeat(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    """Repeat a bag; return the exit code and what was printed."""
+    ended = oaisys_here("repeat", *arguments)
+    return ended.returncode, capfd.readouterr().out
+
+
 def turn_bytes(image: Image, value_bytes: int) -> None:
     """Turn the order of an image's bytes, which a machine of little endian made."""
     data = bytes(image.data)
@@ -105,7 +111,9 @@ def test_digital_numbers_are_read_from_a_bag_in_any_order_of_bytes(
 
 
 @pytest.mark.long
-def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None:
+def test_a_bag_repeats_all_of_its_samples_noise_included(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "left", **CAMERA}, {"name": "right", **CAMERA}])
     with recorded.bag:
         recorded.configuration()
@@ -116,16 +124,18 @@ def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None
         recorded.sample(sim.step_sample(dusk), FAULTS)
         sim.step_batch(reuse_stage=True)
         recorded.sample(sim.step_sample(modalities=["depth", "instance"]), first=1)
-    done = oaisys("repeat", tmp_path / "bag", "--all")
-    assert done.returncode == 0, done.stdout + done.stderr
-    heads = [line for line in done.stdout.splitlines() if line.startswith("batch")]
+    code, told = repeat(capfd, tmp_path / "bag", "--all")
+    assert code == 0, told
+    heads = [line for line in told.splitlines() if line.startswith("batch")]
     assert heads == [f"batch {b} sample {s}: equal" for b, s in ((1, 1), (1, 2), (2, 1))]
-    assert done.stdout.count(": equal, 432 pixels") == 12 + 12 + 3
-    assert "left/depth: not in the record" in done.stdout
+    assert told.count(": equal, 432 pixels") == 12 + 12 + 3
+    assert "left/depth: not in the record" in told
 
 
 @pytest.mark.long
-def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
+def test_a_bag_without_a_configuration_needs_one(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:
         recorded.simulation.step_batch()
@@ -140,9 +150,10 @@ def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
     assert "oaisys_bridge/configuration is recorded" in refused.stderr
     config = tmp_path / "config.yaml"
     config.write_text(canonical_json(recorded.config))
-    done = oaisys("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
-    assert done.returncode == 0, done.stdout
-    assert "batch 1 sample 2: equal" in done.stdout
+    samples = ("--sample", "1/2", "--sample", "1/1")
+    code, told = repeat(capfd, file, "--config", config, *samples)
+    assert code == 0, told
+    assert "batch 1 sample 2: equal" in told
 
 
 def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) -> None:
@@ -158,7 +169,9 @@ def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) ->
 
 
 @pytest.mark.long
-def test_a_pixel_that_differs_in_a_bag_is_told(tmp_path: Path) -> None:
+def test_a_pixel_that_differs_in_a_bag_is_told(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:
         recorded.configuration()
@@ -168,9 +181,9 @@ def test_a_pixel_that_differs_in_a_bag_is_told(tmp_path: Path) -> None:
         depth.flags.writeable = True
         depth[5, 5] += 0.25
         recorded.sample(sample)
-    done = oaisys("repeat", tmp_path / "bag")
-    assert done.returncode == 1
-    assert "front/depth: 1 of 432 pixels differ" in done.stdout
+    code, told = repeat(capfd, tmp_path / "bag")
+    assert code == 1
+    assert "front/depth: 1 of 432 pixels differ" in told
 
 
 @pytest.mark.parametrize("text", ["{", '{"loudness": 3}'])
@@ -182,6 +195,6 @@ def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> N
         told = sample_info_msg(recorded.simulation.step_sample(), Header())
         told.faults_json = text
         recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
-    done = oaisys("repeat", tmp_path / "bag")
+    done = oaisys_here("repeat", tmp_path / "bag")
     assert done.returncode == 2
     assert "faults_json" in done.stderr

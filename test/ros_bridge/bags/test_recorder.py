@@ -54,13 +54,21 @@ def wait_for_line(stage: Stage, recorder: NodeProcess, line: str) -> None:
     stage.user.wait_until(lambda: line in recorder.log.read_text().splitlines())
 
 
+@pytest.fixture(scope="module")
+def bridged(shared_stage: Stage) -> Stage:
+    """A stage with a bridge, whose user listens to depth."""
+    shared_stage.user.listen(Image, "camera/depth/image_raw", SENSOR_QOS)
+    shared_stage.start_bridge(shared_stage.start_world(FLAT_WORLD).address)
+    shared_stage.user.wait_until_ready()
+    return shared_stage
+
+
 def record_views(
     stage: Stage, folder: Path, topics: Collection[str], *options: str
 ) -> tuple[NodeProcess, list[Image]]:
     """Record topics while `VIEWS` views are taken; return the depth images as a user gets them."""
-    stage.user.listen(Image, "camera/depth/image_raw", SENSOR_QOS)
-    stage.start_bridge(stage.start_world(FLAT_WORLD).address)
-    stage.user.wait_until_ready()
+    images = stage.user.received["camera/depth/image_raw"]
+    images.clear()
     recorder = stage.start_node("recorder", "--out", str(folder), *options, "--topics", *topics)
     wait_for_line(stage, recorder, f"recording: {folder}")
     stage.user.wait_until_matched(SAMPLE_TYPES.keys() & set(topics))
@@ -69,16 +77,15 @@ def record_views(
     for index in range(VIEWS):
         answer = stage.user.set_pose(pose_looking_down(float(index), 0.0, 5.0))
         assert answer.success, answer.message
-    images = stage.user.received["camera/depth/image_raw"]
     stage.user.wait_until(lambda: len(images) == VIEWS)
     return recorder, images
 
 
 @pytest.mark.ros
-def test_a_bag_holds_all_topics_with_their_types_and_counts(stage: Stage, tmp_path: Path) -> None:
+def test_a_bag_holds_all_topics_with_their_types_and_counts(bridged: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     expected = SAMPLE_TYPES | LATCHED_TYPES
-    recorder, images = record_views(stage, folder, expected, "--all")
+    recorder, images = record_views(bridged, folder, expected, "--all")
 
     assert recorder.end() == 0
 
@@ -109,10 +116,10 @@ def test_a_bag_holds_all_topics_with_their_types_and_counts(stage: Stage, tmp_pa
 
 @pytest.mark.long
 @pytest.mark.ros
-def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path) -> None:
+def test_a_killed_recorder_leaves_what_it_had_taken(bridged: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     wanted = ["/camera/depth/image_raw", "/oaisys_bridge/sample_info"]
-    recorder, _ = record_views(stage, folder, wanted)
+    recorder, _ = record_views(bridged, folder, wanted)
     file = folder / "bag_0.mcap"
 
     def taken() -> list[str]:
@@ -126,7 +133,7 @@ def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path
             pass
         return topics
 
-    stage.user.wait_until(lambda: len(taken()) == 2 * VIEWS)
+    bridged.user.wait_until(lambda: len(taken()) == 2 * VIEWS)
     recorder.end(signal.SIGKILL)
 
     assert sorted(taken()) == ["/camera/depth/image_raw"] * VIEWS + [wanted[1]] * VIEWS

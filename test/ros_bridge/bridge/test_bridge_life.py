@@ -92,7 +92,7 @@ def test_a_request_waits_while_the_worker_is_started_again(stage: Stage) -> None
     stage.start_bridge(server.address)
     user.wait_until_ready()
     sweep = user.action_client(Sweep, "oaisys_bridge/sweep")
-    poses = PoseArray(header=Header(frame_id="map"), poses=[stamped(pose).pose] * 10_000)
+    poses = PoseArray(header=Header(frame_id="map"), poses=[stamped(pose).pose] * 1_000)
     goal = user.answer(sweep.send_goal_async(Sweep.Goal(poses=poses)))
     samples = user.received["oaisys_bridge/sample_info"]
     user.wait_until(samples.__len__)

@@ -16,7 +16,7 @@ from driven_world import DRIVEN_WORLD, DUE, TOPIC_OF_SENSOR
 from geometry_msgs.msg import Quaternion, Transform, Vector3
 from nav_msgs.msg import Odometry
 from rclpy.action.client import ClientGoalHandle
-from ros_peer import Stage, User, messages_of_samples, nanoseconds
+from ros_peer import NodeProcess, Stage, User, messages_of_samples, nanoseconds
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
@@ -249,50 +249,46 @@ def test_a_drive_that_is_refused_or_fails_says_where(stage: Stage) -> None:
 
 
 @pytest.mark.long
-def test_a_recorded_drive_has_as_many_messages_as_were_due(stage: Stage, tmp_path: Path) -> None:
-    """Three seconds with 1000 inertial measurements in each, as fast as they can be published."""
+def test_the_program_that_drives_once_waits_for_the_recorder_which_gets_all_that_was_due(
+    stage: Stage, tmp_path: Path
+) -> None:
+    """1000 inertial measurements in each second, as fast as they can be published."""
     server = stage.start_world(
         {**DRIVEN_WORLD, "sensors": {**DRIVEN_WORLD["sensors"], "imus": [{"rate_hz": 1000.0}]}}
     )
-    stage.start_bridge(server.address)
-    bag = tmp_path / "bag"
-    recorder = stage.start_node("recorder", "--out", str(bag))
-    user = stage.user
-    user.wait_until_ready()
-    user.wait_until(lambda: "recording: " in recorder.log.read_text())
-    user.wait_until_matched(["/imu/data_raw", "/tf", "/ground_truth/odometry", "/lidar/points"])
-
-    heights_m = [8.0, 9.0, 10.0, 11.0]
-    status, result = Driver(user).drive(Drive.Goal(trajectory=upwards(heights_m)))
-
-    assert (status, result.message) == (GoalStatus.STATUS_SUCCEEDED, "")
-    assert counts_of(result)["imu"] == 3000
-    assert recorder.end() == 0
-    recorded = messages_of_samples(bag)
-    # Path and viewpoints are published once more for a subscriber that is new.
-    repeated = {"/path", "/viewpoints"}
-    published = {e.topic: e.count for e in result.topics if e.topic not in repeated}
-    assert {topic: recorded[topic] for topic in published} == published
-
-
-@pytest.mark.long
-def test_the_program_that_drives_once_waits_for_the_recorder_and_tells_by_its_exit_code(
-    stage: Stage, tmp_path: Path
-) -> None:
-    server = stage.start_world(DRIVEN_WORLD)
     program = stage.start_node("drive", "--wait-for-recorder", "--sensors", "lidar", "odometry")
-    recorder = stage.start_node("recorder", "--out", str(tmp_path / "bag"))
+
+    def start_recorder(bag: Path) -> NodeProcess:
+        recorder = stage.start_node("recorder", "--out", str(bag))
+        wait_until(lambda: "recording: " in recorder.log.read_text(), START_PATIENCE_S)
+        return recorder
+
     # It records all that there is, which is nothing of the bridge.
-    wait_until(lambda: "recording: " in recorder.log.read_text(), START_PATIENCE_S)
+    recorder = start_recorder(tmp_path / "early")
     stage.start_bridge(server.address)
 
     assert program.process.wait(START_PATIENCE_S) == 0, program.log.read_text()
 
     assert "lidar: 5 of 5 measurements" in program.log.read_text()
     assert recorder.end() == 0
-    recorded = messages_of_samples(tmp_path / "bag")
+    recorded = messages_of_samples(tmp_path / "early")
     assert (recorded["/lidar/points"], recorded["/ground_truth/odometry"]) == (5, 20)
     refused = stage.start_node("drive", "--drive-json", '{"gravity": "venus"}')
     assert refused.process.wait(PATIENCE_S) == 1
     assert "drive: drive.gravity" in refused.log.read_text()
     assert "Traceback" not in refused.log.read_text()
+
+    user = stage.user
+    recorder = start_recorder(tmp_path / "bag")
+    user.wait_until_ready()
+    user.wait_until_matched(["/imu/data_raw", "/tf", "/ground_truth/odometry", "/lidar/points"])
+    status, result = Driver(user).drive(Drive.Goal(trajectory=upwards([8.0, 9.0, 10.0])))
+
+    assert (status, result.message) == (GoalStatus.STATUS_SUCCEEDED, "")
+    assert counts_of(result)["imu"] == 2000
+    assert recorder.end() == 0
+    recorded = messages_of_samples(tmp_path / "bag")
+    # Path and viewpoints are published once more for a subscriber that is new.
+    repeated = {"/path", "/viewpoints"}
+    published = {e.topic: e.count for e in result.topics if e.topic not in repeated}
+    assert {topic: recorded[topic] for topic in published} == published

@@ -10,7 +10,7 @@ import psutil
 import pytest
 from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseArray, PoseStamped, Transform
-from ros_peer import Stage, stamped
+from ros_peer import NodeProcess, Stage, stamped
 from served_simulator import FLAT_WORLD
 from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -71,6 +71,19 @@ def test_json_of_100_mb_is_refused_before_it_is_read(text: str) -> None:
         json_object("metadata_json", text)
 
 
+@pytest.fixture(scope="module")
+def address(shared_stage: Stage) -> str:
+    return shared_stage.start_world(FLAT_WORLD).address
+
+
+@pytest.fixture(scope="module")
+def bridge(shared_stage: Stage, address: str) -> NodeProcess:
+    """A bridge that all tests have."""
+    bridge = shared_stage.start_bridge(address)
+    shared_stage.user.wait_until_ready()
+    return bridge
+
+
 def memory_mb(pid: int) -> float:
     return psutil.Process(pid).memory_info().rss / 1e6
 
@@ -94,11 +107,10 @@ def diagnostics(stage: Stage) -> dict[str, str]:
 
 
 @pytest.mark.ros
-def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
-    server = stage.start_world(FLAT_WORLD)
-    bridge = stage.start_bridge(server.address)
-    user = stage.user
-    user.wait_until_ready()
+def test_hostile_requests_leave_the_bridge_as_it_was(
+    shared_stage: Stage, address: str, bridge: NodeProcess
+) -> None:
+    user = shared_stage.user
     assert user.set_pose(LOOKING).success
     before_mb = memory_mb(bridge.process.pid)
 
@@ -134,7 +146,7 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
     published = 1000
 
     def ended() -> int:
-        told = diagnostics(stage)
+        told = diagnostics(shared_stage)
         return sum(int(told[way]) for way in ("rendered", "dropped_commands", "failed"))
 
     already = ended()
@@ -144,30 +156,30 @@ def test_hostile_requests_leave_the_bridge_as_it_was(stage: Stage) -> None:
     poses.publish(stamped(pose_looking_at((-5, -4, 4), (0, 0, 0))))
 
     def all_are_accounted_for() -> bool:
-        return int(diagnostics(stage)["queue"]) == 0 and ended() - already >= published
+        return int(diagnostics(shared_stage)["queue"]) == 0 and ended() - already >= published
 
-    user.wait_until(all_are_accounted_for, explain=lambda: (already, diagnostics(stage)))
+    user.wait_until(all_are_accounted_for, explain=lambda: (already, diagnostics(shared_stage)))
     assert memory_mb(bridge.process.pid) < before_mb + 150
     assert user.set_pose(LOOKING).success
     assert "Traceback" not in bridge.log.read_text()
 
     # Another bridge of this name: told by both, and neither ends.
-    other = stage.start_node("bridge", "--ros-args", "-p", f"address:={server.address}")
+    other = shared_stage.start_bridge(address)
     user.wait_until(
-        lambda: "other nodes have the name /oaisys_bridge" in diagnostics(stage)["message"],
+        lambda: "other nodes have the name /oaisys_bridge" in diagnostics(shared_stage)["message"],
         START_PATIENCE_S,
     )
     assert other.process.poll() is None
     assert bridge.process.poll() is None
     assert "requests may reach any of them" in bridge.log.read_text()
+    assert other.end() == 0
 
 
 @pytest.mark.ros
-def test_metadata_that_no_request_can_hold_spoils_no_view(stage: Stage) -> None:
-    server = stage.start_world(FLAT_WORLD)
-    bridge = stage.start_bridge(server.address)
-    user = stage.user
-    user.wait_until_ready()
+def test_metadata_that_no_request_can_hold_spoils_no_view(
+    shared_stage: Stage, bridge: NodeProcess
+) -> None:
+    user = shared_stage.user
 
     many = json.dumps({f"k{i}": 1 for i in range(200_000)})
     for module, text in (
@@ -196,11 +208,10 @@ def test_metadata_that_no_request_can_hold_spoils_no_view(stage: Stage) -> None:
         pytest.param(1_000_000, marks=pytest.mark.soak),
     ],
 )
-def test_a_giant_sweep_is_refused_and_its_memory_given_back(stage: Stage, number: int) -> None:
-    server = stage.start_world(FLAT_WORLD)
-    bridge = stage.start_bridge(server.address)
-    user = stage.user
-    user.wait_until_ready()
+def test_a_giant_sweep_is_refused_and_its_memory_given_back(
+    shared_stage: Stage, bridge: NodeProcess, number: int
+) -> None:
+    user = shared_stage.user
     assert user.set_pose(LOOKING).success
     before_mb = memory_mb(bridge.process.pid)
     client = user.action_client(Sweep, "oaisys_bridge/sweep")

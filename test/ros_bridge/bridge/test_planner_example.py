@@ -49,13 +49,14 @@ def test_the_readme_quotes_the_planner() -> None:
 
 @pytest.mark.long
 @pytest.mark.ros
-def test_the_planner_gets_its_views_whether_it_or_the_bridge_is_started_first(
+def test_the_planner_gets_its_views_whoever_is_started_first_and_says_that_its_bridge_hangs(
     stage: Stage,
 ) -> None:
     stage.user.listen(SampleInfo, SAMPLES, SMALL_MESSAGE_QOS)
     early = started(PATIENCE_S)
     stage.user.wait_until(lambda: "planner" in stage.user.node.get_node_names())
-    stage.start_bridge(stage.start_world(FLAT_WORLD).address)
+    server = stage.start_world(FLAT_WORLD)
+    stage.start_bridge(server.address)
     for planner, first in ((early, 1), (None, 4)):
         code, output, errors = ended(planner or started(PATIENCE_S))
         assert (code, errors) == (0, "")
@@ -64,6 +65,15 @@ def test_the_planner_gets_its_views_whether_it_or_the_bridge_is_started_first(
     samples = stage.user.received[SAMPLES]
     stage.user.wait_until(lambda: samples and samples[-1].sample_id == 6)
     assert [s.rig_pose.position.x for s in samples[-3:]] == [-4, 0, 4]
+
+    server.process.send_signal(signal.SIGSTOP)
+    try:
+        code, _, errors = ended(started(5.0))
+    finally:
+        server.process.send_signal(signal.SIGCONT)
+    assert code == 1
+    assert "the view from (-4.0, 0.0, 8.0)" in errors
+    assert "after 5 s" in errors
 
 
 @pytest.mark.ros
@@ -74,19 +84,3 @@ def test_a_planner_without_a_bridge_says_so(ros_domain_id: int) -> None:
     assert "no bridge was ready after 2 s" in errors
     assert "Traceback" not in errors
     assert time.monotonic() - began_s < 30  # start-up on a loaded machine included
-
-
-@pytest.mark.long
-@pytest.mark.ros
-def test_a_planner_whose_bridge_hangs_says_so(stage: Stage) -> None:
-    server = stage.start_world(FLAT_WORLD)
-    stage.start_bridge(server.address)
-    stage.user.wait_until_ready()
-    server.process.send_signal(signal.SIGSTOP)
-    try:
-        code, _, errors = ended(started(5.0))
-    finally:
-        server.process.send_signal(signal.SIGCONT)
-    assert code == 1
-    assert "the view from (-4.0, 0.0, 8.0)" in errors
-    assert "after 5 s" in errors

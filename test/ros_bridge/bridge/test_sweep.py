@@ -20,6 +20,7 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import SampleInfo
+from oaisys_msgs.srv import StepBatch
 from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
 
 pytestmark = pytest.mark.ros
@@ -35,6 +36,20 @@ def bridged(stage: Stage, **env: str) -> User:
     stage.start_bridge(server.address)
     stage.user.wait_until_ready()
     return stage.user
+
+
+@pytest.fixture(scope="module")
+def shared_user(shared_stage: Stage) -> User:
+    """The user of a bridge."""
+    return bridged(shared_stage)
+
+
+@pytest.fixture
+def user(shared_user: User) -> User:
+    """That user, with a new batch and no sample received."""
+    assert shared_user.call(StepBatch, "step_batch", StepBatch.Request(seed=-1)).success
+    shared_user.received[SAMPLES].clear()
+    return shared_user
 
 
 class Sweeper:
@@ -70,8 +85,7 @@ def down(height_m: float) -> Pose:
 
 
 @pytest.mark.long
-def test_a_sweep_renders_every_pose_and_tells_how_far_it_is(stage: Stage) -> None:
-    user = bridged(stage)
+def test_a_sweep_renders_every_pose_and_tells_how_far_it_is(user: User) -> None:
     sweeper = Sweeper(user)
 
     goal = sweeper.begin([down(4), down(5), down(6)])
@@ -124,8 +138,7 @@ def test_a_sweep_is_cancelled_in_the_middle_of_a_render_and_keeps_what_it_has(
 
 
 @pytest.mark.long
-def test_services_and_commands_go_between_two_poses_of_a_sweep(stage: Stage) -> None:
-    user = bridged(stage)
+def test_services_and_commands_go_between_two_poses_of_a_sweep(user: User) -> None:
     sweeper = Sweeper(user)
     commands = user.node.create_publisher(PoseStamped, "command/pose", 1)
     user.wait_until(lambda: commands.get_subscription_count() == 1)
@@ -159,8 +172,7 @@ def trajectory(heights: Sequence[float], frame: str = "map") -> MultiDOFJointTra
 
 
 @pytest.mark.long
-def test_a_trajectory_is_flown_point_by_point_until_a_newer_command_comes(stage: Stage) -> None:
-    user = bridged(stage)
+def test_a_trajectory_is_flown_point_by_point_until_a_newer_command_comes(user: User) -> None:
     paths = user.node.create_publisher(MultiDOFJointTrajectory, "command/trajectory", 1)
     poses = user.node.create_publisher(PoseStamped, "command/pose", 1)
     user.wait_until(lambda: paths.get_subscription_count() == poses.get_subscription_count() == 1)

@@ -53,7 +53,7 @@ def test_a_node_that_does_not_end_is_killed_and_its_log_says_where_it_was(
 
 def test_what_a_program_prints_is_quoted_within_bounds(tmp_path: Path) -> None:
     """300 MB in one line went whole into the error, the terminal and both reports."""
-    script = "head -c 50000000 /dev/zero | tr '\\0' a; printf '\\n\\033[2Jlast'; exit 3"
+    script = "head -c 30000000 /dev/zero | tr '\\0' a; printf '\\n\\033[2Jlast'; exit 3"
     tracemalloc.start()
     try:
         with ManagedProcess(
@@ -65,7 +65,7 @@ def test_what_a_program_prints_is_quoted_within_bounds(tmp_path: Path) -> None:
         _, most_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert (tmp_path / "log").stat().st_size > 50_000_000
+    assert (tmp_path / "log").stat().st_size > 30_000_000
     first, long, last = str(told.value).split("\n")
     assert first == "it ended with exit code 3"
     assert long == f"  | {'a' * 297}..."
@@ -74,7 +74,7 @@ def test_what_a_program_prints_is_quoted_within_bounds(tmp_path: Path) -> None:
 
 
 def test_a_program_that_prints_no_line_is_waited_for_within_bounds(tmp_path: Path) -> None:
-    script = "head -c 50000000 /dev/zero | tr '\\0' a; printf '\\nready: yes\\n'; exec sleep 1000"
+    script = "head -c 30000000 /dev/zero | tr '\\0' a; printf '\\nready: yes\\n'; exec sleep 1000"
     tracemalloc.start()
     try:
         with ManagedProcess("it", ["sh", "-c", script], tmp_path / "log", os.environ) as it:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,12 +26,7 @@ from tools import second_mapper
 
 pytestmark = pytest.mark.ros
 
-WORLD = """
-seed: 4
-stage: {surroundings: plain, extent_m: 30, resolution_px: 301}
-materials: {texture_size_px: 64, mask: {size_px: 128}}
-assets: {rocks: [{count: [60, 60], size_m: [0.3, 1.0]}]}
-"""
+VIEWS = 2
 PROMISED = {
     "views",
     "voxel_size_m",
@@ -52,11 +48,15 @@ PROMISED = {
 }
 
 
+def written_world(folder: Path, **changes: Any) -> Path:
+    path = folder / "world.yaml"
+    path.write_text(yaml.safe_dump({**MOUNDS, **changes}), encoding="utf-8")
+    return path
+
+
 @pytest.fixture
 def world(tmp_path: Path) -> Path:
-    path = tmp_path / "world.yaml"
-    path.write_text(WORLD, encoding="utf-8")
-    return path
+    return written_world(tmp_path)
 
 
 def command(world: Path, out: Path, *more: str, name: str = "survey") -> list[str]:
@@ -81,52 +81,48 @@ def survey(world: Path, out: Path, domain_id: int, *more: str) -> subprocess.Com
     )
 
 
-@pytest.mark.usefixtures("no_process_left")
-def test_a_small_survey_closes(tmp_path: Path, ros_domain_id: int) -> None:
-    config, out = tmp_path / "world.yaml", tmp_path / "out"
-    config.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
-    options = ("--seed", "1", "--views", "2", "--size", "160x120", "--no-faults")
-    result = survey(config, out, ros_domain_id, *options)
+@pytest.fixture(scope="module")
+def surveyed(
+    tmp_path_factory: pytest.TempPathFactory, ros_of_module: None
+) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """The folder of a survey that closes, and how its command ended."""
+    folder = tmp_path_factory.mktemp("survey")
+    world, out = written_world(folder), folder / "out"
+    options = ("--seed", "1", "--views", f"{VIEWS}", "--size", "160x120")
+    return out, survey(world, out, int(os.environ["ROS_DOMAIN_ID"]), *options)
+
+
+def test_a_small_survey_closes(surveyed: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, result = surveyed
     assert result.returncode == 0, result.stderr
     assert "the map agrees with the true surface" in result.stderr
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert figures["closed"] is True
-    assert (figures["views"], figures["seed"], figures["backend"]) == (2, 1, "analytic")
-    assert figures["rmse_m"] < 0.05
-    assert "The map agrees with the true surface" in (out / "report.html").read_text(
-        encoding="utf-8"
-    )
-    _check_bag(out / "bag", views=2)
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("no_process_left")
-def test_a_survey_closes_and_leaves_everything_behind(
-    world: Path, tmp_path: Path, ros_domain_id: int
-) -> None:
-    out = tmp_path / "out"
-    options = ("--backend", "analytic", "--views", "6", "--size", "160x120", "--altitude", "3.5")
-    result = survey(world, out, ros_domain_id, *options)
-    assert result.returncode == 0, result.stderr
-    assert "the map agrees with the true surface" in result.stderr
-    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert set(figures) >= PROMISED
-    assert (figures["views"], figures["seed"], figures["backend"]) == (6, 4, "analytic")
+    assert (figures["views"], figures["seed"], figures["backend"]) == (VIEWS, 1, "analytic")
     assert figures["rmse_m"] < 0.05
     assert figures["completion_ratio"] > 0.95
     assert figures["f_score"] > 0.95
-    assert "The map agrees with the true surface" in (out / "report.html").read_text(
-        encoding="utf-8"
-    )
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "The map agrees with the true surface" in page
     _check_first_picture(out, figures, result.stderr)
-    _check_bag(out / "bag", views=6)
+    _check_bag(out / "bag", VIEWS)
+    _check_figures(figures)
+
+
+@pytest.mark.long
+def test_what_a_survey_leaves_behind_says_the_same_to_others(
+    surveyed: tuple[Path, subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(surveyed[0], out)
     _check_second_mapper(out)
     arguments = ["--mesh", out / "mesh.ply", "--truth", out / "truth.ply"]
     arguments += ["--poses", out / "poses.json", "--max-rmse", "0.05", "--min-completion", "0.95"]
     again = oaisys_here("evaluate", *arguments)
     assert again.returncode == 0, again.stdout + again.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert json.loads(again.stdout)["rmse_m"] == pytest.approx(figures["rmse_m"], rel=0.1)
-    _check_figures(figures)
     _check_certificate(out)
 
 
@@ -138,7 +134,7 @@ def _check_first_picture(out: Path, figures: dict[str, Any], printed: str) -> No
     assert image.std() > 1
     told = f"first picture after {figures['seconds_to_first_picture']:.1f} s: {path}\n"
     assert told in printed
-    assert printed.index(told) < printed.index("views 2/6")
+    assert printed.index(told) < printed.index(f"views 2/{VIEWS}")
     assert 0 < figures["seconds_to_first_picture"] < figures["seconds_to_report"]
     last = printed.splitlines()[-1]
     assert re.search(r"first picture after \d+ s, report after \d+ s$", last)
@@ -151,7 +147,7 @@ def _check_second_mapper(out: Path) -> None:
         code = second_mapper.main([str(out / "bag"), "--mesh", str(out / "mesh.ply")])
     assert code == 0, said.getvalue()
     found = json.loads(said.getvalue())
-    assert found["views"] == 6
+    assert found["views"] == VIEWS
     assert max(found["chamfer_m"].values()) < 0.02
 
 
@@ -209,25 +205,6 @@ def _check_bag(bag: Path, views: int) -> None:
         assert found[topic][1] >= 1
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures("no_process_left")
-def test_a_survey_whose_images_are_too_coarse_does_not_close(
-    world: Path, tmp_path: Path, ros_domain_id: int
-) -> None:
-    out = tmp_path / "out"
-    world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
-    options = ("--backend", "analytic", "--views", "1", "--size", "24x18", "--no-bag")
-    # Neither does it need colour.
-    more = ("--quality", "geometry", "--no-faults", "--voxel-size", "0.3")
-    result = survey(world, out, ros_domain_id, *options, *more)
-    assert result.returncode == 1, result.stderr
-    assert "no picture" in result.stderr
-    assert "missed: " in result.stderr
-    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
-    assert figures["closed"] is False
-    assert not (out / "bag").exists()
-
-
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
@@ -246,13 +223,12 @@ def test_wrong_input_is_exit_2_at_once(
     assert "Traceback" not in result.stderr
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.usefixtures("no_process_left")
 def test_a_grid_larger_than_the_stage_is_exit_2(
     world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
-    world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
-    options = ("--backend", "analytic", "--altitude", "40", "--no-bag", "--size", "64x48")
+    options = ("--altitude", "40", "--no-bag", "--size", "64x48")
     result = survey(world, tmp_path / "out", ros_domain_id, *options)
     assert result.returncode == 2, result.stderr
     assert "32 m x 32 m" in result.stderr
@@ -261,7 +237,7 @@ def test_a_grid_larger_than_the_stage_is_exit_2(
 @pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_a_signal_ends_everything(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
-    options = ("--backend", "analytic", "--views", "30", "--altitude", "3", "--no-bag")
+    options = ("--views", "30", "--altitude", "3", "--size", "64x48", "--no-bag")
     others = set(Path("/dev/shm").glob("fastrtps_*"))
     with subprocess.Popen(
         command(world, tmp_path / "out", *options),
@@ -284,14 +260,16 @@ def test_a_signal_ends_everything(world: Path, tmp_path: Path, ros_domain_id: in
 
 
 @pytest.mark.usefixtures("no_process_left")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.soak)]
+)
 def test_a_certificate_that_is_not_issued_leaves_no_folder(
     number: signal.Signals, world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
     """Its command was killed at once, although a survey has processes and folders to end."""
     folder = tmp_path / "t"
     folder.mkdir()
-    options = ("--backend", "analytic", "--no-bag")
+    options = ("--no-bag",)
     with subprocess.Popen(
         command(world, tmp_path / "out", *options, name="certificate issue"),
         env={**environment(ros_domain_id), "TMPDIR": str(folder)},
@@ -331,9 +309,8 @@ def _read_until(readline: Callable[[], str], wanted: str) -> str:
 @pytest.mark.long
 @pytest.mark.blender
 @pytest.mark.usefixtures("no_process_left")
-def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
-    out = tmp_path / "out"
-    world.write_text(yaml.safe_dump({**MOUNDS, "backend": "blender"}), encoding="utf-8")
+def test_a_survey_with_blender(tmp_path: Path, ros_domain_id: int) -> None:
+    world, out = written_world(tmp_path, backend="blender"), tmp_path / "out"
     options = ("--seed", "1", "--views", "2", "--size", "160x120", "--quality", "preview")
     result = survey(world, out, ros_domain_id, *options, "--no-faults")
     assert result.returncode == 0, result.stderr
@@ -349,7 +326,7 @@ def test_a_world_that_cannot_be_built_names_cause_and_log(
     world: Path, tmp_path: Path, ros_domain_id: int
 ) -> None:
     out = tmp_path / "out"
-    options = ("--backend", "analytic", "--views", "1", "--size", "64x48", "--no-bag")
+    options = ("--views", "1", "--size", "64x48", "--no-bag")
     result = subprocess.run(
         command(world, out, *options),
         env={**environment(ros_domain_id), "OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "batch-crash"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import pytest
 import yaml
 from browser import browser_page
 from certificates import Authority
+from explore_runs import recorder_of
 from served_simulator import FLAT_WORLD, MOUNDS, Server
 from waiting import START_PATIENCE_S, wait_until
 
@@ -56,9 +58,9 @@ def said(process: subprocess.Popen[bytes], out: Path, beginning: str) -> str:
     return found.removeprefix(beginning)
 
 
-@pytest.fixture
-def server(tmp_path: Path) -> Iterator[Server]:
-    with Server(tmp_path / "server", FLAT_WORLD) as server:
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with Server(tmp_path_factory.mktemp("server") / "flat", FLAT_WORLD) as server:
         yield server
 
 
@@ -122,30 +124,53 @@ def test_a_page_that_cannot_be_stopped_holds_up_no_end_once_the_scene_is_saved(s
 @pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
-def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(ros_domain_id)}
-    world = tmp_path / "world.yaml"
+def test_a_survey_is_watched_over_ros_and_says_why_it_fails(tmp_path, ros_domain_id):
+    """Its images make no map that agrees, and its recorder ends early."""
+    world, survey_said, out = tmp_path / "world.yaml", tmp_path / "said", tmp_path / "survey"
     world.write_text(yaml.safe_dump(MOUNDS), encoding="utf-8")
     # More than are waited for: the view may join the graph after the first one is published.
-    small = ("--size", "64x48", "--voxel-size", "0.3", "--no-bag", "--no-faults")
-    options = ("--config", str(world), "--views", "4", *small)
-    with watching(tmp_path, "--ros", "--views", "2") as (process, out):
-        survey = subprocess.run(
-            [*COMMAND, "survey", *options, "--out", str(tmp_path / "survey")],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=START_PATIENCE_S,
-            check=False,
-        )
-        assert (tmp_path / "survey" / "report.json").is_file(), survey.stderr
+    small = ("--views", "4", "--size", "24x18", "--voxel-size", "0.3", "--no-faults")
+    # Neither does a survey need colour.
+    options = ("--config", str(world), "--out", str(out), "--quality", "geometry", *small)
+    # The recorder has ended long before the last sample is there.
+    slow = {"OAISYS_FAULT": "late-slow:10@4", "OAISYS_TEST_BUILD": "1"}
+    with (
+        watching(tmp_path, "--ros", "--views", "2") as (process, shown),
+        survey_said.open("w") as output,
+        subprocess.Popen(
+            [*COMMAND, "survey", *options],
+            stdout=output,
+            stderr=output,
+            env={**os.environ, **slow, "ROS_DOMAIN_ID": str(ros_domain_id)},
+        ) as survey,
+    ):
+        try:
+            wait_until(
+                lambda: "rendered in" in survey_said.read_text(),
+                START_PATIENCE_S,
+                process=survey,
+                explain=survey_said.read_text,
+            )
+            recorder_of(survey).send_signal(signal.SIGTERM)
+            code = survey.wait(START_PATIENCE_S)
+        finally:
+            survey.kill()
         assert process.wait(START_PATIENCE_S) == 0
     # On a busy machine, several views come at once.
-    lines = [line.split() for line in out.read_text(encoding="utf-8").splitlines()]
+    lines = [line.split() for line in shown.read_text(encoding="utf-8").splitlines()]
     counts = [(int(line[0]), int(line[2])) for line in lines if line[1:2] == ["views,"]]
     assert counts[-1][0] >= 2
     assert max(triangles for _, triangles in counts) > 1000
     assert (tmp_path / "scene.html").is_file()
+
+    told = survey_said.read_text()
+    assert code == 1, told
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert not report["closed"]
+    assert report["lost"] == ["/oaisys_recorder had ended before the last sample"]
+    assert "missed: /oaisys_recorder had ended" in told
+    assert "missed: completion_ratio" in told
+    assert "no picture" in told
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
-from ros_peer import Stage, User, stamped
+from ros_peer import Stage, nanoseconds, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from served_simulator import FLAT_WORLD
 from tf2_msgs.msg import TFMessage
@@ -37,48 +37,19 @@ LATE: dict[str, type[Any]] = {
 }
 
 
-def bridged(stage: Stage) -> User:
+SLOW_FROM_SAMPLE_3 = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": f"late-slow:{2 * PATIENCE_S:g}@3"}
+"""The third sample takes longer than any test once its depth is there."""
+
+
+def test_depth_goes_out_before_colour_for_which_a_cloud_waits_and_no_failed_sample_is_complete(
+    stage: Stage,
+) -> None:
     user = stage.user
     for topic, kind in (EARLY | LATE).items():
         user.listen(kind, topic, SENSOR_QOS)
     user.listen(TFMessage, "/tf", TF_QOS)
-    server = stage.start_world(FLAT_WORLD)
-    stage.start_bridge(server.address)
+    stage.start_bridge(stage.start_world(FLAT_WORLD, **SLOW_FROM_SAMPLE_3).address)
     user.wait_until_ready()
-    return user
-
-
-def test_depth_goes_out_before_colour_and_a_sample_that_fails_is_never_called_complete(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OAISYS_TEST_BUILD", "1")
-    monkeypatch.setenv("OAISYS_FAULT", f"late-slow:{2 * PATIENCE_S:g}")
-    user = bridged(stage)
-    pose = stamped(pose_looking_down(0, 0, 5))
-    answer = user.begin(SetPose, "set_pose", SetPose.Request(pose=pose))
-
-    def common_stamps() -> set[str]:
-        stamps = [{str(m.header.stamp) for m in user.received[topic]} for topic in EARLY]
-        moved = {str(m.transforms[0].header.stamp) for m in user.received["/tf"]}
-        return moved.intersection(*stamps)
-
-    user.wait_until(common_stamps)
-    assert not answer.done()
-    assert not any(user.received[topic] for topic in LATE)
-    assert len(common_stamps()) == 1
-    depth_m = image_from_msg(user.received["camera/depth/image_raw"][0])
-    np.testing.assert_allclose(depth_m, 5.0, rtol=1e-6)
-
-    assert user.call(StepBatch, "step_batch", StepBatch.Request(seed=5)).success
-    user.wait_until(answer.done)
-    assert not answer.result().success
-    assert "overtaken" in answer.result().message
-    assert not any(user.received[topic] for topic in LATE)
-
-
-@pytest.mark.long
-def test_a_cloud_waits_for_the_colour_that_it_will_have_and_for_no_other(stage: Stage) -> None:
-    user = bridged(stage)
     plain = user.set_pose(pose_looking_down(0, 0, 5), modalities=["depth"])
     colored = user.set_pose(pose_looking_down(0, 0, 6))
     assert plain.success
@@ -93,3 +64,29 @@ def test_a_cloud_waits_for_the_colour_that_it_will_have_and_for_no_other(stage: 
     np.testing.assert_allclose(points_m[..., 2], 5.0, rtol=1e-6)
     assert not colors.any()
     np.testing.assert_array_equal(cloud_from_msg(second)[1], image_from_msg(color))
+
+    def newer(topic: str) -> list[Any]:
+        """Return the messages of the third sample."""
+        messages = [m.transforms[0] if topic == "/tf" else m for m in received[topic]]
+        last_ns = nanoseconds(colored.stamp)
+        return [m for m in messages if nanoseconds(m.header.stamp) > last_ns]
+
+    def common_stamps() -> set[int]:
+        """Return stamps that all messages with which a cloud can be made have."""
+        topics = (*EARLY, "/tf")
+        return set.intersection(*({nanoseconds(m.header.stamp) for m in newer(t)} for t in topics))
+
+    pose = stamped(pose_looking_down(0, 0, 7))
+    answer = user.begin(SetPose, "set_pose", SetPose.Request(pose=pose))
+    user.wait_until(common_stamps)
+    assert not answer.done()
+    assert not any(newer(topic) for topic in LATE)
+    assert len(common_stamps()) == 1
+    depth_m = image_from_msg(newer("camera/depth/image_raw")[0])
+    np.testing.assert_allclose(depth_m, 7.0, rtol=1e-6)
+
+    assert user.call(StepBatch, "step_batch", StepBatch.Request(seed=5)).success
+    user.wait_until(answer.done)
+    assert not answer.result().success
+    assert "overtaken" in answer.result().message
+    assert not any(newer(topic) for topic in LATE)

@@ -37,12 +37,14 @@ from oaisys_core.world.modules.sensors import START_HEIGHT_M
 from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetPose, StepBatch
 from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.qos import SENSOR_QOS, SMALL_MESSAGE_QOS
 
 pytestmark = pytest.mark.ros
 
 SAMPLES = "oaisys_bridge/sample_info"
 DEPTH = "camera/depth/image_raw"
+INSTANCE = "camera/instance/image_raw"
 PLAYING, PAUSED = SimulationState.STATE_PLAYING, SimulationState.STATE_PAUSED
 STOPPED, QUITTING = SimulationState.STATE_STOPPED, SimulationState.STATE_QUITTING
 MOUNT_M = (0.3, -0.2, 0.1)
@@ -87,15 +89,31 @@ class Simulator:
 
 
 @pytest.fixture(scope="module")
-def simulator(shared_stage: Stage) -> Simulator:
+def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder whose meshes can be spawned."""
+    return tmp_path_factory.mktemp("meshes")
+
+
+@pytest.fixture(scope="module")
+def shared_simulator(shared_stage: Stage, meshes: Path) -> Simulator:
     """A simulator with things, which no test may end."""
-    return started(shared_stage, THINGS)
+    return started(shared_stage, THINGS, "--asset-root", str(meshes))
 
 
-def started(stage: Stage, world: dict[str, Any]) -> Simulator:
-    server = stage.start_world(world)
+@pytest.fixture
+def simulator(shared_simulator: Simulator) -> Simulator:
+    """That simulator, with a new world and nothing received."""
+    assert shared_simulator.call("ResetSimulation", scope=0)[0] == Result.RESULT_OK
+    for topic in (SAMPLES, DEPTH, INSTANCE):
+        shared_simulator.user.received[topic].clear()
+    return shared_simulator
+
+
+def started(stage: Stage, world: dict[str, Any], *options: str) -> Simulator:
+    server = stage.start_world(world, *options)
     stage.user.listen(SampleInfo, SAMPLES, SMALL_MESSAGE_QOS)
     stage.user.listen(Image, DEPTH, SENSOR_QOS)
+    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
     stage.start_bridge(server.address)
     stage.user.wait_until_ready()
     return Simulator(stage.user)
@@ -112,9 +130,7 @@ def box(*corners: Sequence[float], kind: int = Bounds.TYPE_BOX) -> Bounds:
 
 def test_a_simulation_is_paused_stepped_and_played(simulator: Simulator) -> None:
     user = simulator.user
-    assert user.call(StepBatch, "step_batch", StepBatch.Request(seed=-1)).success
     samples = user.received[SAMPLES]
-    samples.clear()
     assert simulator.state() == PLAYING
     code, message, _ = simulator.call("StepSimulation", steps=1)
     assert (code, "playing" in message) == (Result.RESULT_OPERATION_FAILED, True)
@@ -293,7 +309,6 @@ THINGS: dict[str, Any] = {
     },
 }
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-INSTANCE = "camera/instance/image_raw"
 
 
 def spawn(simulator: Simulator, name: str, xyz: Sequence[float] = (3, 3, 0), **fields: Any) -> Any:
@@ -309,12 +324,12 @@ def spawn(simulator: Simulator, name: str, xyz: Sequence[float] = (3, 3, 0), **f
     return code, message, answer.entity_name
 
 
-def instances_from(stage: Stage, pose: Pose) -> set[int]:
+def instances_from(simulator: Simulator, pose: Pose) -> set[int]:
     """Render, and return the instance ids in the image."""
-    answer = stage.user.set_pose(pose)
+    answer = simulator.user.set_pose(pose)
     assert answer.success, answer.message
-    images = stage.user.received[INSTANCE]
-    stage.user.wait_until(lambda: images and images[-1].header.stamp == answer.stamp)
+    images = simulator.user.received[INSTANCE]
+    simulator.user.wait_until(lambda: images and images[-1].header.stamp == answer.stamp)
     return set(np.unique(image_from_msg(images[-1])).tolist()) - {0}
 
 
@@ -326,58 +341,50 @@ def id_of(simulator: Simulator, entity: str) -> int:
 
 @pytest.mark.long
 def test_things_are_spawned_moved_and_deleted_and_the_picture_agrees(
-    stage: Stage, tmp_path: Path
+    simulator: Simulator,
 ) -> None:
-    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
-    simulator = started(stage, THINGS)
     above = pose_looking_down(3, 3, 6)
-    assert id_of(simulator, "mark") not in instances_from(stage, above)
+    assert id_of(simulator, "mark") not in instances_from(simulator, above)
     code, message, name = spawn(simulator, "stone", resource_string='{"shape": "slab", "scale": 2}')
     assert (code, name) == (Result.RESULT_OK, "stone"), message
     assert simulator.position("stone") == [3, 3, 0]
     stone = id_of(simulator, "stone")
     assert f"instance {stone}" in message
-    assert stone in instances_from(stage, above)
+    assert stone in instances_from(simulator, above)
 
     away = Pose((-3.0, -3.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     assert simulator.put("stone", away)[0] == Result.RESULT_OK
     assert simulator.position("stone") == [-3, -3, 0]
-    assert stone not in instances_from(stage, above)
-    assert stone in instances_from(stage, pose_looking_down(-3, -3, 6))
+    assert stone not in instances_from(simulator, above)
+    assert stone in instances_from(simulator, pose_looking_down(-3, -3, 6))
     assert simulator.call("DeleteEntity", entity="stone")[0] == Result.RESULT_OK
     assert simulator.call("GetEntityState", entity="stone")[0] == Result.RESULT_NOT_FOUND
-    assert stone not in instances_from(stage, pose_looking_down(-3, -3, 6))
+    assert stone not in instances_from(simulator, pose_looking_down(-3, -3, 6))
     # The name is free again, and nothing of the old one comes back with it.
     assert spawn(simulator, "stone", uri="prototype:mark")[0] == Result.RESULT_OK
-    assert stone in instances_from(stage, above)
+    assert stone in instances_from(simulator, above)
 
     mark = id_of(simulator, "mark")
     assert simulator.put("mark", Pose((6.0, 6.0, 0.0), (0.0, 0.0, 0.0, 1.0)))[0] == Result.RESULT_OK
-    assert mark in instances_from(stage, pose_looking_down(6, 6, 6))
+    assert mark in instances_from(simulator, pose_looking_down(6, 6, 6))
     assert simulator.call("DeleteEntity", entity="mark")[0] == Result.RESULT_OK
     assert "mark" not in simulator.entities()
-    assert mark not in instances_from(stage, pose_looking_down(6, 6, 6))
+    assert mark not in instances_from(simulator, pose_looking_down(6, 6, 6))
     assert simulator.call("ResetSimulation", scope=0)[0] == Result.RESULT_OK
     assert {"mark"} == {"mark", "stone"} & set(simulator.entities())
 
 
 @pytest.mark.long
 def test_meshes_within_the_asset_roots_can_be_spawned_and_no_others(
-    stage: Stage, tmp_path: Path
+    simulator: Simulator, meshes: Path, tmp_path: Path
 ) -> None:
-    roots = [tmp_path / "meshes", tmp_path / "elsewhere"]
+    roots = [meshes, tmp_path]
     for root in roots:
-        root.mkdir()
         (root / "tetra.obj").write_text(TETRAHEDRON)
-    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
-    server = stage.start_world(FLAT_WORLD, "--asset-root", str(roots[0]))
-    stage.start_bridge(server.address)
-    stage.user.wait_until_ready()
-    simulator = Simulator(stage.user)
     codes = srv.SpawnEntity.Response
     code, message, name = spawn(simulator, "", uri=f"file://{roots[0] / 'tetra.obj'}")
     assert (code, name) == (Result.RESULT_OK, "tetra_1"), message
-    assert id_of(simulator, name) in instances_from(stage, pose_looking_down(3, 3, 6))
+    assert id_of(simulator, name) in instances_from(simulator, pose_looking_down(3, 3, 6))
     assert spawn(simulator, "t2", uri=str(roots[0] / "tetra.obj"))[0] == Result.RESULT_OK
     assert spawn(simulator, "t3", uri=str(roots[1] / "tetra.obj"))[0] == codes.MISSING_ASSETS
     assert spawn(simulator, "t4", uri=str(roots[0] / "none.obj"))[0] == codes.MISSING_ASSETS
@@ -418,8 +425,9 @@ def test_what_cannot_be_spawned_is_refused_with_its_reason(simulator: Simulator)
 
 
 @pytest.mark.long
-def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: Stage) -> None:
-    simulator = started(stage, THINGS)
+def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(
+    simulator: Simulator,
+) -> None:
     everything = simulator.entities()
     assert everything[:2] == ["base_link", "camera"]
     assert {"mark", "rover"} < set(everything)
@@ -436,10 +444,8 @@ def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: 
     assert info.category.category == EntityCategory.CATEGORY_STATIC_OBJECT
     assert "label rock (10)" in info.description
 
-    client = stage.user.client(SetParameters, "oaisys_bridge/set_parameters")
-    five = Parameter("max_entities", value=5).to_parameter_msg()
-    request = SetParameters.Request(parameters=[five])
-    assert stage.user.answer(client.call_async(request)).results[0].successful
+    usual = next(row.default for row in BRIDGE if row.name == "max_entities")
+    set_max_entities(simulator, 5)
     code, message, answer = simulator.call("GetEntities", filters=EntityFilters())
     assert (code, len(answer.entities)) == (Result.RESULT_OK, 7)
     assert "9 more are left out" in message
@@ -447,19 +453,26 @@ def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: 
     code, message, answer = simulator.call("GetEntitiesStates", filters=only_rocks)
     assert (code, len(answer.entities), len(answer.states)) == (Result.RESULT_OK, 5, 5)
     assert "left out" in message
+    set_max_entities(simulator, usual)
+
+
+def set_max_entities(simulator: Simulator, number: Any) -> None:
+    parameter = Parameter("max_entities", value=number).to_parameter_msg()
+    request = SetParameters.Request(parameters=[parameter])
+    answer = simulator.user.call(SetParameters, "set_parameters", request)
+    assert answer.results[0].successful
 
 
 @pytest.mark.long
-def test_a_paused_simulation_shows_what_was_spawned_at_its_next_step(stage: Stage) -> None:
-    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
-    simulator = started(stage, THINGS)
-    assert stage.user.set_pose(pose_looking_down(3, 3, 6)).success
+def test_a_paused_simulation_shows_what_was_spawned_at_its_next_step(simulator: Simulator) -> None:
+    assert simulator.user.set_pose(pose_looking_down(3, 3, 6)).success
     assert simulator.set_state(PAUSED)[0] == Result.RESULT_OK
     assert spawn(simulator, "stone")[0] == Result.RESULT_OK
     assert simulator.position("stone") == [3, 3, 0]
     assert simulator.call("StepSimulation", steps=1)[0] == Result.RESULT_OK
-    images = stage.user.received[INSTANCE]
-    stage.user.wait_until(lambda: len(images) == 2)
+    images = simulator.user.received[INSTANCE]
+    simulator.user.wait_until(lambda: len(images) == 2)
     stone = id_of(simulator, "stone")
     seen = [stone in image_from_msg(image) for image in images]
     assert seen == [False, True]
+    assert simulator.set_state(PLAYING)[0] == Result.RESULT_OK

@@ -33,8 +33,8 @@ SEEN = {"canyon", "craters", "dunes", "mounds", "mountain_1"}
 
 
 @cache
-def smooth_ground(preset: str, size_px: int = 257, seed: int = 0) -> tuple[np.ndarray, float]:
-    rng = np.random.default_rng(seed)
+def smooth_ground(preset: str, size_px: int = 257) -> tuple[np.ndarray, float]:
+    rng = np.random.default_rng(0)
     ground = make_ground(preset, 64.0, size_px, rng, roughness=0.0)
     elevation_m = ground.elevation_m.astype(float)
     elevation_m.flags.writeable = False
@@ -53,8 +53,8 @@ def slopes_deg(elevation_m: np.ndarray, spacing_m: float) -> np.ndarray:
     ],
 )
 def test_a_seed_gives_one_landscape_at_any_resolution(preset: str) -> None:
-    coarse, _ = smooth_ground(preset, 193)
-    fine, _ = smooth_ground(preset, 385)
+    coarse, _ = smooth_ground(preset, 129)
+    fine, _ = smooth_ground(preset)
     # Where processes run on finer grids, their ways differ a little.
     least = 0.95 if preset in SHAPED else 0.98
     assert pearsonr(coarse.ravel(), fine[::2, ::2].ravel()).statistic > least
@@ -173,9 +173,9 @@ def test_one_crater_is_as_deep_as_its_profile_says() -> None:
 @pytest.mark.parametrize("preset", ["mesa", "canyon"])
 def test_cliffs_do_not_follow_the_grid_in_steps(preset: str) -> None:
     """Neighbouring facets face alike; in steps, sunlight along a wall leaves every other black."""
-    ground = make_ground(preset, 64.0, 513, np.random.default_rng(3))
-    up_y, up_x = np.diff(ground.elevation_m, axis=0)[:, :-1], np.diff(ground.elevation_m)[:-1]
-    slope = np.hypot(up_x, up_y) / ground.spacing_m
+    elevation_m, spacing_m = smooth_ground(preset, 513)
+    up_y, up_x = np.diff(elevation_m, axis=0)[:, :-1], np.diff(elevation_m)[:-1]
+    slope = np.hypot(up_x, up_y) / spacing_m
     facing = np.arctan2(up_y, up_x)
     steep = slope > np.tan(np.radians(70))
     turned = np.angle(np.exp(1j * np.diff(facing)))[steep[:, 1:] & steep[:, :-1]]

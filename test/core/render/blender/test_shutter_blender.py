@@ -40,7 +40,8 @@ def moving(placed: PlacedCamera, readout_s: float, exposure_s: float) -> PlacedC
 
 
 def rendered(*cameras: PlacedCamera) -> list[NDArray[np.float64]]:
-    seen = in_blender("sensors.views", [(world(), each) for each in cameras], SAMPLES)
+    scene = world()
+    seen = in_blender("sensors.views", [(scene, each) for each in cameras], SAMPLES)
     return [frames[0].data.astype(np.float64) for frames in seen]
 
 

@@ -77,11 +77,6 @@ def cancel_within_cycles(client: SimulatorClient, pose: Pose) -> None:
     assert np.isfinite(client.query_height([[0, 0, 5]]).clearance_m).all()
 
 
-def assert_same_images(sample: Sample, control: Sample) -> None:
-    for frame, other in zip(sample.frames, control.frames, strict=True):
-        np.testing.assert_array_equal(frame.data, other.data)
-
-
 def assert_alike(sample: Sample, control: Sample) -> None:
     assert (sample.batch_id, sample.sample_id) == (control.batch_id, control.sample_id)
     assert (sample.rig_pose, sample.provenance) == (control.rig_pose, control.provenance)
@@ -93,40 +88,44 @@ def assert_alike(sample: Sample, control: Sample) -> None:
             np.testing.assert_array_equal(frame.data, other.data)
 
 
-@pytest.mark.long
-def test_a_render_that_is_cancelled_within_cycles_leaves_worker_and_world_as_they_were(
-    start_server: Callable[..., Server],
-) -> None:
-    """Also before Cycles has the world: in the second batch, the first render is cancelled."""
-    server = start_server(WORLD, "--pose-cache-mb", "0")
+def renders_beside_cancelled_ones(server: Server) -> list[Sample]:
+    """Return a sample of each of `POSES`; renders that are cancelled then change nothing.
+
+    Also before Cycles has the world: in the second batch, the first render is cancelled.
+    """
     with server.client() as client:
-        samples = []
+        client.step_batch(seed=1)
+        worker = server.worker().pid
+        control = [client.render_sample(pose) for pose in POSES]
+        again = []
         for batch_id in (1, 2):
-            client.step_batch(seed=1)
-            worker = server.worker().pid
             if batch_id == 2:
-                cancel_within_cycles(client, POSES[1])
+                client.step_batch(seed=1)
             for pose in POSES[1:3]:
-                samples.append(client.render_sample(POSES[0]))
                 cancel_within_cycles(client, pose)
-            assert server.worker().pid == worker
-            assert client.info().worker_restarts == 0
-    assert [(each.batch_id, each.sample_id) for each in samples] == [(1, 1), (1, 2), (2, 1), (2, 2)]
-    for sample in samples[1:]:
-        assert_same_images(sample, samples[0])
+                again.append(client.render_sample(POSES[0]))
+        assert server.worker().pid == worker
+        assert client.info().worker_restarts == 0
+    count = len(POSES)
+    found = [(each.batch_id, each.sample_id) for each in again]
+    assert found == [(1, count + 1), (1, count + 2), (2, 1), (2, 2)]
+    for sample in again:
+        for frame, other in zip(sample.frames, control[0].frames, strict=True):
+            np.testing.assert_array_equal(frame.data, other.data)
+    return control
 
 
 @pytest.mark.long
-def test_a_blender_that_is_killed_crashes_or_grows_is_replaced_and_renders_the_same(
+def test_a_blender_that_is_cancelled_killed_crashes_or_grows_renders_the_same(
     start_server: Callable[..., Server],
 ) -> None:
-    with start_server(WORLD).client() as client:
-        client.step_batch()
-        control = [client.render_sample(pose) for pose in POSES]
+    """It is replaced, unless it is cancelled."""
+    with start_server(WORLD, "--pose-cache-mb", "0") as undisturbed:
+        control = renders_beside_cancelled_ones(undisturbed)
     leak = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "leak:1300@3"}
     server = start_server(WORLD, "--worker-memory-limit-mb", "1600", **leak)
     with server.client() as client:
-        client.step_batch()
+        client.step_batch(seed=1)
         samples = [client.render_sample(POSES[0])]
         for number in (signal.SIGKILL, signal.SIGSEGV):
             kill_within_cycles(server, client, number)

@@ -90,12 +90,10 @@ def cases() -> dict[str, Scene]:
     tone = GivenTone(rng.integers(0, 256, (32, 32, 3), np.uint8))
     return {
         "layers": world(*layers, variation=colored),
-        "tone": world(*layers, tone=tone),
-        "haze": replace(world(*layers[:1]), sky=replace(SUNNY, haze=HAZY)),
+        "haze": replace(world(*layers, tone=tone), sky=replace(SUNNY, haze=HAZY)),
         "gentle": world(layers[0], slope=0.3, projects_sides=True),
         "steep": world(layers[0], slope=2.0, projects_sides=True),
-        "voronoi": world(voronoi),
-        "stochastic": world(layers[0], stochastic),
+        "tiling": world(voronoi, stochastic),
         "patchy": patchy(world(*(replace(each, maps=even(each.maps)) for each in layers))),
         "land": beyond(
             world(
@@ -135,11 +133,9 @@ def rms(difference: NDArray[Any]) -> float:
     ("name", "noise"),
     [
         ("layers", 0.6),
-        ("tone", 0.6),
         ("haze", 0.6),
         ("gentle", 0.6),
-        ("voronoi", 0.6),
-        ("stochastic", 0.6),
+        ("tiling", 0.6),
         ("patchy", 0.6),
         ("land", 0.85),
         ("lens", 0.6),

@@ -109,12 +109,6 @@ def material(layers: int, tiling: Tiling) -> TerrainMaterial:
     )
 
 
-def test_twice_as_many_layers_take_half_of_cycles_stack_at_most() -> None:
-    tiling = stochastic_tiling(1.0, np.random.default_rng(0))
-    grounds, hazy = [material(4, tiling)] * 2, replace(SUNNY, haze=Haze((0.01, 0.02, 0.03)))
-    assert in_blender("stack.keeps_at_most", grounds, [STACK // 2 - 1, 8], hazy) == [True, False]
-
-
 @pytest.mark.long
 def test_cycles_stack_has_room_for_any_number_of_layers() -> None:
     # Twice as many layers double one switch more, which takes a few numbers.
@@ -127,9 +121,7 @@ def test_cycles_stack_has_room_for_any_number_of_layers() -> None:
     hazy = replace(SUNNY, haze=Haze((0.01, 0.02, 0.03)))
 
     of_plain, of_turned, of_shifted = used = in_blender("stack.stack_use", few, hazy)
-    assert max(used) < STACK // 2, used
-    bounds = [min(least + 24, STACK // 2 - 1) for least in (of_turned, of_shifted, of_plain)]
+    assert 20 < min(used) <= max(used) < STACK // 2, used
+    bounds = [min(least + 20, STACK // 2 - 1) for least in (of_turned, of_shifted, of_plain)]
     bounds.append(bounds[-1])
     assert in_blender("stack.keeps_at_most", many, bounds, hazy) == [True] * 4, used
-    none = [least - 1 for least in used]
-    assert in_blender("stack.keeps_at_most", few, none, hazy) == [False, False, False]
