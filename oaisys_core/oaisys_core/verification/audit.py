@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import pose_looking_at
+from oaisys_core.scene.objects import FIRST_COVER_ID
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     DEPTH,
@@ -27,7 +28,12 @@ from oaisys_core.types import (
     Sample,
     semantic_level,
 )
-from oaisys_core.verification.reference_scene import ReferenceScene, ReferenceView, Window
+from oaisys_core.verification.reference_scene import (
+    GROUND_OR_SKY,
+    ReferenceScene,
+    ReferenceView,
+    Window,
+)
 
 HEIGHTS_M = (1.5, 15.0)
 PITCHES_DEG = (5.0, 89.0)
@@ -193,7 +199,11 @@ def _audit_window(
         return AuditResult(
             frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()), worst_m
         )
-    expected = seen.instance_ids if level is None else reference.semantic_ids(seen, level)
+    if level is None:
+        # What belongs to the ground has ids of its own, which images do not show.
+        expected = np.where(seen.instance_ids < FIRST_COVER_ID, seen.instance_ids, GROUND_OR_SKY)
+    else:
+        expected = reference.semantic_ids(seen, level)
     inner = _off_edges(seen.instance_ids, np.isfinite(seen.depth_m), expected)
     wrong = frame.data[inner] != expected[inner]
     return AuditResult(frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()))

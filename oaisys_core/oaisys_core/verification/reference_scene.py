@@ -51,7 +51,8 @@ class ReferenceScene:
 
     def __init__(self, scene: Scene, mesh: TriangleMesh) -> None:
         self.scene = scene
-        parts = [TriangleMesh(mesh.vertices_m, mesh.triangles, instance_ids=mesh.instance_ids)]
+        ids = _with_rock_faces(scene, mesh)
+        parts = [TriangleMesh(mesh.vertices_m, mesh.triangles, instance_ids=ids)]
         parts += [
             _instances(scene.prototypes[placement.prototype], placement)
             for placement in scene.placements
@@ -116,6 +117,31 @@ class ReferenceScene:
             labels[seen.is_beyond] = id_of_level(scene.sky.ground_semantic_ids, level)
         labels[~hit] = scene.sky.semantic_ids_at(seen.directions[~hit], level)
         return labels
+
+
+def _with_rock_faces(scene: Scene, mesh: TriangleMesh) -> NDArray[np.uint32]:
+    """Return the instance ids of a ground truth mesh's triangles, with those of broken rock.
+
+    It has 0 for them, as the ground, after which they come in the order of their placements.
+
+    Raises:
+        InvalidInputError: It has other triangles of broken rock than the scene.
+    """
+    assert mesh.instance_ids is not None
+    assert mesh.semantic_ids is not None
+    faces = [placement for placement in scene.placements if placement.is_rock_face]
+    counts = [len(scene.prototypes[each.prototype].triangles) for each in faces]
+    ids, labels = [np.zeros(0, np.uint32)], [np.zeros(0, np.uint16)]
+    for each, count in zip(faces, counts, strict=True):
+        ids.append(np.repeat(each.instance_ids, count))
+        labels.append(np.full(len(ids[-1]), id_of_level(each.semantic_ids, 0), np.uint16))
+    found = np.asarray(mesh.instance_ids, np.uint32).copy()
+    of_rock = np.flatnonzero(found == GROUND_OR_SKY)[len(scene.ground.triangles()) :]
+    if not np.array_equal(mesh.semantic_ids[of_rock], np.concatenate(labels)):
+        expected = f"{sum(map(len, ids))}, with the labels of the scene"
+        raise InvalidInputError("mesh", f"{len(of_rock)} triangles of broken rock", expected)
+    found[of_rock] = np.concatenate(ids)
+    return found
 
 
 def _instances(prototype: MeshPrototype, placement: Placement) -> TriangleMesh:
