@@ -45,7 +45,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quote
 from oaisys_core.files.path_fields import NamedPath
 from oaisys_core.types import DIGITAL, RADIANCE
 
-GENERATOR_VERSION = 27
+GENERATOR_VERSION = 28
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
 beyond the stage, and a brighter sky beside the sun."""
 

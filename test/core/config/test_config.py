@@ -117,7 +117,7 @@ def test_a_record_of_other_generators_is_refused_by_name() -> None:
     record = SimulationConfig().model_dump(mode="json")
     assert config_sha256(config_from_mapping(record)) == config_sha256(SimulationConfig())
     record["generator_version"] -= 1
-    with pytest.raises(ConfigError, match=r"generator_version: received 26, expected 27, because"):
+    with pytest.raises(ConfigError, match=r"generator_version: received 27, expected 28, because"):
         config_from_mapping(record)
 
 

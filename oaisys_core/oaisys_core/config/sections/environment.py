@@ -140,7 +140,7 @@ class CloudsConfig(Section):
             to the horizon one sees their sides and less sky between them.
         base_m: Height of their undersides above the ground.
         size_m: Distance from one to the next, about.
-        thickness_m: Height of the highest tops above the undersides. None: 0.45 times the size of
+        thickness_m: Height of the highest tops above the undersides. None: 0.25 times the size of
             cumulus, 0.2 times that of stratocumulus.
         shadows: Whether they cast shadows: the ground below thick ones gets a fifth of the sun's
             light. ``false``: sun and sky shine as without clouds.

@@ -163,6 +163,10 @@ class MaterialsConfig(Section):
             part of the ground in depth, labels and the ground truth mesh. None: true on grounds of
             the presets alpine, canyon, large_terrain, mesa, mountain_1 and mountain_2, false on
             others and on terrain of yours, whichever a batch has.
+        snow_depth_m: Depth of snow, by which its layers raise the ground: less towards their
+            borders, so that rock stands out of it. None: 0.5 on the grounds of ``rock_faces``, 0 on
+            others and on terrain of yours. Other layers than of snow are not deep, and a ground of
+            snow alone stays where it is.
         texture_size_px: Edge length of built-in texture maps; by default 2048 of those of stones,
             rock, clay, grass or moss, and 1024 of all others.
         texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
@@ -186,6 +190,7 @@ class MaterialsConfig(Section):
     macro_variation: Share = 0.5
     loose_stones: bool = False
     rock_faces: bool | None = None
+    snow_depth_m: Annotated[float, Field(ge=0, le=10)] | None = None
     texture_size_px: int | None = Field(default=None, ge=16, le=8192)
     texture_seed: int = Field(default=0, ge=0)
 

@@ -51,7 +51,7 @@ With the limit, haze of kilometres pales the sky within a few degrees of the hor
 the sky contain the air above it.
 """
 
-CLOUD_THICKNESS: dict[CloudKind, float] = {"cumulus": 0.45, "stratocumulus": 0.2}
+CLOUD_THICKNESS: dict[CloudKind, float] = {"cumulus": 0.25, "stratocumulus": 0.2}
 """Default thickness of clouds, in sizes."""
 
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))

@@ -20,6 +20,7 @@ from oaisys_core.procedural.terrain.macro_variation import MacroPattern
 from oaisys_core.procedural.terrain.masks.cover import is_green, is_snowy
 from oaisys_core.procedural.terrain.masks.relief import has_steep_parts
 from oaisys_core.procedural.terrain.masks.tone import StageTone
+from oaisys_core.procedural.terrain.snow import lay_snow
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.scene.photometric_laws import (
     Hapke,
@@ -38,6 +39,9 @@ from oaisys_core.world.modules.layers import (
     labels_of,
     layer_faults,
 )
+
+SNOW_DEPTH_M = 0.5
+"""Default depth of snow on grounds with walls of rock."""
 
 
 class MaterialsMetadata(MaterialsConfig):
@@ -103,7 +107,11 @@ class MaterialsModule(Module):
         green = [is_green(layer.layer.maps) for layer in layers]
         snowy = [is_snowy(layer.layer.maps) for layer in layers]
         configs = [layer.config for layer in layers]
-        masks = layer_weights(config, configs, ground, rng, green, snowy)
+        water_m = None if world.water is None else world.water.level_m
+        masks = layer_weights(config, configs, ground, rng, green, snowy, water_m)
+        if any(snowy) and not all(snowy):
+            _lay_snow(world, config.snow_depth_m, masks[np.array(snowy)].sum(axis=0))
+            ground = require(world.ground)
         material = TerrainMaterial(
             layers=tuple(layer.layer for layer in layers),
             masks=masks,
@@ -190,13 +198,30 @@ def _with_relief(detail: Detail, material: TerrainMaterial, shown: LayerRelief |
     return replace(detail, relief=LayerRelief(material, tuple(reliefs_m)), shown=shown)
 
 
+def _lay_snow(world: World, depth_m: float | None, share: NDArray[np.float32]) -> None:
+    """Raise the ground by its snow, of which (M, M) texels have a share."""
+    if depth_m is None:
+        depth_m = SNOW_DEPTH_M if world.has_rock_walls else 0.0
+    if depth_m:
+        ground = _height_field(world, "materials.snow_depth_m", f"{depth_m:g}", "0")
+        _move_ground(world, lay_snow(ground, share, depth_m))
+
+
 def _displace(world: World, relief: LayerRelief) -> None:
+    ground = _height_field(world, "materials.displacement", "geometry", "bump")
+    _move_ground(world, displace(ground, relief))
+
+
+def _height_field(world: World, field: str, received: str, expected: str) -> HeightField:
     ground = require(world.ground)
-    if not isinstance(ground, HeightField):
-        raise InvalidInputError(
-            "materials.displacement", "geometry", "bump, because this ground is not a height field"
-        )
-    moved = displace(ground, relief)
+    if isinstance(ground, HeightField):
+        return ground
+    raise InvalidInputError(
+        field, received, f"{expected}, because this ground is not a height field"
+    )
+
+
+def _move_ground(world: World, moved: HeightField) -> None:
     world.ground = moved
     digest = hashlib.sha256(world.stage_hash.encode())
     digest.update(np.ascontiguousarray(moved.elevation_m).tobytes())

@@ -216,7 +216,7 @@ def test_large_things_lie_flatter_and_slid_ones_point_downhill() -> None:
         field = np.tile(steepness * x, (129, 1)).astype(np.float32)
         ground = HeightField(field, (-20.0, -20.0), 40 / 128)
         rng = np.random.default_rng(8)
-        T, sizes_m, _ = scatter_on(ground, sizes_m_of(300, 0.2, 2.0), rng, min_spacing=0.0)
+        T, sizes_m, _ = scatter_on(ground, sizes_m_of(2000, 0.2, 2.0), rng, min_spacing=0.0)
         R = T[:, :3, :3] / sizes_m[:, None, None]
         normal = np.array((-steepness, 0.0, 1.0)) / np.hypot(steepness, 1.0)
         lean_rad = np.arccos(R[:, :, 2] @ normal)

@@ -94,7 +94,7 @@ class TestRanges:
         assert 0.2 <= first.cover <= 0.4
         assert first == again
         assert first.seed != other.seed
-        assert first.thickness_m == 0.45 * first.size_m
+        assert first.thickness_m == 0.25 * first.size_m
         layer = {"clouds": {"kind": "stratocumulus", "thickness_m": [50, 60]}}
         assert 50 <= require(skies(layer)[0].clouds).thickness_m <= 60
         assert skies({})[0].clouds is None

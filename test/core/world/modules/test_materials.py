@@ -8,12 +8,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import scipy
 from PIL import Image
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, relief_of_maps
+from oaisys_core.procedural.terrain.water.ponds import NO_WATER, Water, WaterLook
 from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.label_image import load_label_image
 from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial
@@ -46,9 +48,10 @@ def world_on(
     materials: MaterialsConfig,
     metadata: dict[str, Any] | None = None,
     seed: int = 1,
+    **of_world: Any,
 ) -> World:
     ground = HeightField(height_m.astype(np.float32), (-4, -4), 0.125)
-    world = World(ground=ground, stage_hash="stage")
+    world = World(ground=ground, stage_hash="stage", **of_world)
     module = MaterialsModule(materials)
     module.setup()
     module.check(metadata)
@@ -332,3 +335,55 @@ def test_gravel_lies_on_a_wall_where_there_is_nothing_else() -> None:
     material = world_on(height_m, config(layers=layers)).material
     assert material is not None
     assert material.masks.mean(axis=(1, 2)).min() > 0.2
+
+
+LEVELS_M = np.tile(np.where(np.arange(65) < 32, 0.0, 2.0), (65, 1))
+"""Two levels, with their border between -0.125 m and 0 m."""
+
+SNOW_ABOVE = [
+    {"texture": "bedrock", "label": "rock", "semantic_id": 1, "when": {"height_m": [-1, 1]}},
+    {"texture": "snow", "label": "snow", "semantic_id": 2, "when": {"height_m": [1, 9]}},
+]
+
+
+@pytest.mark.parametrize(("given_m", "depth_m"), [(None, 0.5), (0.2, 0.2)])
+def test_snow_raises_the_ground_less_towards_its_border(
+    given_m: float | None, depth_m: float
+) -> None:
+    materials = config(layers=SNOW_ABOVE, snow_depth_m=given_m)
+    world = world_on(LEVELS_M, materials, has_rock_walls=given_m is None)
+    assert isinstance(world.ground, HeightField)
+    raised_m = world.ground.elevation_m - LEVELS_M
+    assert np.abs(raised_m[:, :31]).max() < 1e-6, "rock"
+    inside_m = (np.arange(34, 65) - 32) * 0.125
+    spread = 1.8 * depth_m
+    expected_m = depth_m * (0.4 + 0.6 * scipy.stats.norm.cdf(inside_m / spread))
+    np.testing.assert_allclose(raised_m[32, 34:], expected_m, atol=0.05 * depth_m)
+    assert world.stage_hash != "stage"
+
+
+@pytest.mark.parametrize("layers", [SNOW_ABOVE, SNOW_ABOVE[1:]], ids=["no_walls", "snow_alone"])
+def test_snow_leaves_other_ground_where_it_is(layers: list[dict[str, Any]]) -> None:
+    world = world_on(LEVELS_M, config(layers=layers), has_rock_walls=len(layers) == 1)
+    assert isinstance(world.ground, HeightField)
+    np.testing.assert_array_equal(world.ground.elevation_m, LEVELS_M)
+    assert world.stage_hash == "stage"
+
+
+@pytest.mark.parametrize("other", [{}, {"when": {"slope_deg": [60, 90]}}], ids=["any", "steep"])
+@pytest.mark.parametrize("method", ["patches", "noise"])
+def test_plants_end_where_water_is_deep(other: dict[str, Any], method: str) -> None:
+    height_m = np.tile(np.linspace(0, 2, 65), (65, 1))
+    layers = [
+        {"texture": "moss", "label": "moss", "semantic_id": 1},
+        {"texture": "mud", "label": "mud", "semantic_id": 2} | other,
+    ]
+    look = WaterLook(1.0, (0.1, 0.1, 0.1), 0.0)
+    water = Water(1.0, (40,), look, NO_WATER, 0.1)
+    materials = config(layers=layers, mask={"size_px": 64, "method": method})
+    material = world_on(height_m, materials, water=water).material
+    assert material is not None
+    moss = material.masks[0]
+    at_m = (np.arange(64) + 0.5) / 32
+    assert moss[:, at_m < 0.6].max() == 0.0, "deep"
+    assert moss[:, at_m > 1.0].mean() > 0.3, "dry"

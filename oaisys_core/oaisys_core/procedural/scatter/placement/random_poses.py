@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.scatter.placement.resting import resting_depth_m, sunk_shares
 from oaisys_core.procedural.scatter.placement.spacing import Spacing, first_come, pairs_too_near
-from oaisys_core.procedural.terrain.noise import Field, spectral
+from oaisys_core.procedural.terrain.noise import Field, band
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -44,9 +44,12 @@ this share of a half turn only: what slides turns its long side downhill."""
 BURYING_SLOPE, BURIED = 0.25, 2.0
 """Slope from which on things are sunk deeper, and how much more for a slope of 1."""
 
-PATCH_M = 6.0
-PATCHES_PX = 128
-"""Width of the patches of higher density, and size of the map of patches."""
+PATCH_M, PATCHES_PX = (1.5, 24.0), 256
+"""Least and largest width of the patches of higher density, and size of the map of patches."""
+
+CLUMPED, DENSEST = 2.0, 1.5
+"""By how much the logarithm of that density differs, at full clumping, for a standard deviation of
+the map, and the one from which on nothing lies denser."""
 
 
 def power_law_sizes(
@@ -100,12 +103,12 @@ def scatter_on(
         first, and (N,) indices into ``shapes``.
     """
     sizes_m = np.sort(sizes_m)[::-1]
-    density = np.clip(0.5 + 0.5 * clumping * _patches(ground, rng), 0.05, 1)
+    density = np.exp(CLUMPED * clumping * (np.minimum(_patches(ground, rng), DENSEST) - DENSEST))
     margin_m = rim_m(ground, sizes_m)
 
     def draw(count: int, sources: FloatArray) -> FloatArray:
         """Return up to (count, 2) places that the ground, patches and preference allow."""
-        number = count if preference is None else SPARE * count
+        number = SPARE * count
         drawn = random_places(ground, number, margin_m, rng)
         if len(sources):
             is_fragment = rng.uniform(size=number) < fragments
@@ -146,9 +149,10 @@ def _beside(
 
 
 def _patches(ground: Ground, rng: np.random.Generator) -> Field:
-    """Return noise over the ground with features about `PATCH_M` wide."""
+    """Return noise over the ground with features of the sizes of `PATCH_M`."""
     x0, _, x1, _ = ground.extent_m
-    return spectral(PATCHES_PX, max((x1 - x0) / (2 * PATCH_M), 1.0), rng, rough=2.0)
+    highest, lowest = (max((x1 - x0) / (2 * each), 1.0) for each in PATCH_M)
+    return band(PATCHES_PX, lowest, max(highest, 2 * lowest), rng)
 
 
 def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ from oaisys_core.procedural.terrain.masks.relief import relief_of
 from oaisys_core.scene import Ground, TerrainMaterial
 from oaisys_core.types import FloatArray
 
-STEEP_DEG = (42.0, 52.0)
+STEEP_DEG = (32.0, 42.0)
 """Slopes from which on rock is broken here and there, and everywhere."""
 
 LEAST_WEIGHT = 0.5
@@ -152,8 +152,9 @@ def _fit(
     points = np.concatenate((rims, ring * (OUTSIDE[0], *OUTSIDE)))
     is_rim = np.arange(len(points)) < len(rims)
     sizes_m, fits = sizes_m.copy(), np.zeros(len(sizes_m), np.bool_)
-    has_axes = np.abs(axes[:, :2, 0]).max(axis=1) > 0
-    left = np.flatnonzero(np.isfinite(middle_m[:, 2]) & has_axes)
+    # A texel of a wall may hold level ground at its foot, too.
+    is_steep = axes[:, 2, 2] <= np.cos(np.radians(STEEP_DEG[0]))
+    left = np.flatnonzero(np.isfinite(middle_m[:, 2]) & is_steep)
     for _ in range(SHRINKS):
         points_m = np.einsum("nij,kj->nki", axes[left], points) * sizes_m[left, None, None]
         points_m += middle_m[left, None]

@@ -211,7 +211,9 @@ def layer_masks(
         weights[index] = cover
     if gates is not None:
         weights *= _open_first(gates)
-        weights[0] += weights.sum(axis=0) == 0
+        # Where nothing covers the ground, the first layer that may lie there does.
+        first = np.argmax(gates > 0, axis=0)
+        weights += (np.arange(len(weights))[:, None, None] == first) & (weights.sum(axis=0) == 0)
     return np.asarray(weights / weights.sum(axis=0), np.float32)
 
 

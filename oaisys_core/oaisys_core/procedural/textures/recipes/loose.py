@@ -165,8 +165,8 @@ def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """
     law, tile_m = RosinRammler(0.034, 1.6), PEBBLES_M
     # A stream sorts stones into coarse and fine patches.
-    coarse = np.clip(0.75 + 0.45 * swell(size_px, 3, rng, 1.8), 0.08, 1)
-    ground = _gritty(size_px, rng, tile_m, (0.50, 0.44, 0.36), height_m=0.005, cover=0.6)
+    coarse = np.clip(0.9 + 0.45 * swell(size_px, 3, rng, 1.8), 0.25, 1)
+    ground = _gritty(size_px, rng, tile_m, (0.47, 0.43, 0.37), height_m=0.005, cover=0.6)
     bed = Bed(ground.height)
     worn, few = cast_rocks("pebble"), cast_rocks("rounded")
     flat = Laying(flatness=0.8, buried=(0.2, 0.5))
