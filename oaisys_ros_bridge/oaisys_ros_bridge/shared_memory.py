@@ -18,7 +18,8 @@ LOADING_BYTES = 16 * 2**10
 """What LTTng, which rclpy loads, needs there at least: two files of a page, and some room."""
 
 FIRST_PORT, PORTS_OF_DOMAIN = 7400, 250
-"""Port of the first ROS domain, and ports of each (RTPS 2.2, 9.6.1.1)."""
+"""Port of the first ROS domain, and ports of each (RTPS 2.2, 9.6.1.1). Fast DDS opens lower ones
+in all domains."""
 
 _PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)(?:_el|_sl|_mutex)?")
 """Names of Fast DDS's files for a port: the port itself, two locks, and a mutex."""
@@ -32,7 +33,11 @@ def require_shared_memory(folder: Path = SHARED_MEMORY) -> None:
 
     Raises:
         ShortageError: The folder is full.
+        OaisysError: A pipe has the name of a file that LTTng opens, and waits for its other end.
     """
+    for path in folder.glob("lttng-ust-wait-*"):
+        if path.is_fifo():
+            raise OaisysError(f"{path} is a pipe, at which whatever loads ROS waits: remove it")
     if not folder.is_dir() or shutil.disk_usage(folder).free >= LOADING_BYTES:
         return
     files = folder.glob(f"lttng-ust-wait-*-{os.getuid()}")
@@ -48,8 +53,10 @@ def require_safe_ports(domain: int, folder: Path = SHARED_MEMORY) -> None:
     Raises:
         OaisysError: A link, or a port of another user that no program of theirs holds.
     """
-    for path in foreign_ports(domain, folder):
-        if path.is_symlink() or not _is_held(path):
+    for path in (*_foreign_ports(range(FIRST_PORT), folder), *foreign_ports(domain, folder)):
+        is_file = path.is_file() and not path.is_symlink()
+        # What this user may not write to, Fast DDS does not use either.
+        if not is_file or (os.access(path, os.W_OK) and not _is_held(path)):
             raise OaisysError(
                 f"{path} is a link or another user's, and no program of theirs uses it: remove it,"
                 " or set another ROS_DOMAIN_ID"
@@ -59,9 +66,13 @@ def require_safe_ports(domain: int, folder: Path = SHARED_MEMORY) -> None:
 def foreign_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Path]:
     """Yield links and what others than this user have under names of a ROS domain's ports."""
     first = FIRST_PORT + PORTS_OF_DOMAIN * domain
+    yield from _foreign_ports(range(first, first + PORTS_OF_DOMAIN), folder)
+
+
+def _foreign_ports(ports: range, folder: Path) -> Iterator[Path]:
     for path in folder.iterdir() if folder.is_dir() else ():
         found = _PORT.fullmatch(path.name)
-        if found and first <= int(found[1]) < first + PORTS_OF_DOMAIN:
+        if found and int(found[1]) in ports:
             with suppress(FileNotFoundError):  # its program has ended since
                 status = path.lstat()
                 if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():

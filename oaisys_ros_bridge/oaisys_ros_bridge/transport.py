@@ -21,6 +21,10 @@ PROFILES = Path(__file__).with_name("fastdds.xml")
 FAST_DDS = "fastrtps"
 """Part of the names of the middlewares with Fast DDS; one of them is ROS's default."""
 
+SKIP_OF_CURRENT_FOLDER = "SKIP_DEFAULT_XML_FILE", "SKIP_DEFAULT_XML"
+"""Variables by which Fast DDS 2 and 3 do not read ``DEFAULT_FASTRTPS_PROFILES.xml`` in the current
+folder: it may be another user's, and may name a file that is written to."""
+
 OVERRIDES = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
@@ -38,6 +42,8 @@ def prepare_transport() -> None:
     Raises:
         OaisysError: Another user has planted something in shared memory, see `require_safe_ports`.
     """
+    for name in SKIP_OF_CURRENT_FOLDER:
+        os.environ.setdefault(name, "1")
     if FAST_DDS in os.environ.get("RMW_IMPLEMENTATION", FAST_DDS):
         require_safe_ports(current_domain())
     if any(name in os.environ for name in OVERRIDES) or not SHARED_MEMORY.is_dir():

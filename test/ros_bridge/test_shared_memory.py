@@ -6,6 +6,7 @@ import fcntl
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -14,16 +15,33 @@ from waiting import PATIENCE_S
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge import namespaces
 from oaisys_ros_bridge.namespaces import claim_domain
-from oaisys_ros_bridge.shared_memory import SHARED_MEMORY, foreign_ports, require_safe_ports
+from oaisys_ros_bridge.shared_memory import (
+    SHARED_MEMORY,
+    foreign_ports,
+    require_safe_ports,
+    require_shared_memory,
+)
 
 NOBODY = 65534
 DOMAIN = 61
 PORT = 7400 + 250 * DOMAIN + 11
 
+AS_NOBODY = f"""
+import os, sys
+from pathlib import Path
+from oaisys_ros_bridge.shared_memory import foreign_ports, require_safe_ports
+os.setuid({NOBODY})
+folder, domain = Path(sys.argv[1]), int(sys.argv[2])
+assert list(foreign_ports(domain, folder))
+require_safe_ports(domain, folder)
+"""
+
 needs_root = pytest.mark.skipif(os.getuid() != 0, reason="only root plants files of others")
 
 
-@pytest.mark.parametrize("name", [f"fastrtps_port{PORT}", f"fastrtps_port{PORT}_el"])
+@pytest.mark.parametrize(
+    "name", [f"fastrtps_port{PORT}", f"fastrtps_port{PORT}_el", "fastrtps_port7000_sl"]
+)
 def test_a_link_is_refused_by_name_and_never_followed(name: str, tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     (tmp_path / name).symlink_to(victim)
@@ -70,6 +88,23 @@ def test_a_domain_with_files_of_another_user_is_not_claimed(
     for _ in range(5):
         with claim_domain() as number:
             assert number == 2
+
+
+def test_a_pipe_under_a_name_of_lttng_is_refused(tmp_path: Path) -> None:
+    """It was opened when rclpy was loaded, which no signal ended."""
+    require_shared_memory(tmp_path)
+    os.mkfifo(tmp_path / "lttng-ust-wait-6")
+    with pytest.raises(OaisysError, match="lttng-ust-wait-6 is a pipe"):
+        require_shared_memory(tmp_path)
+
+
+@needs_root
+def test_a_port_that_this_user_may_not_write_to_is_left_to_its_user() -> None:
+    """Fast DDS takes another one then."""
+    with tempfile.TemporaryDirectory(dir=SHARED_MEMORY) as folder:
+        Path(folder).chmod(0o755)
+        (Path(folder) / f"fastrtps_port{PORT}").touch(mode=0o644)
+        subprocess.run([sys.executable, "-c", AS_NOBODY, folder, str(DOMAIN)], check=True)
 
 
 @pytest.mark.ros

@@ -10,11 +10,14 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import BackendUnavailableError
+from oaisys_core.system.current_folder import in_root_folder
 from oaisys_core.system.ending.leftovers import keep_temporary_files
 
 try:
     keep_temporary_files()
-    import bpy as _bpy  # noqa: F401
+    # Its library for sound loads whatever lies in the folder "plugins" of the current one.
+    with in_root_folder():
+        import bpy as _bpy  # noqa: F401
 except ImportError as error:
     hint = (
         "open3d was imported before oaisys_core and bpy, and loaded an older library of the same "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from oaisys_core.procedural.terrain.landform import (
@@ -15,17 +17,33 @@ from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.impacts import DEPTH, add_impacts, draw_impacts
 from oaisys_core.procedural.terrain.processes.slopes import diffuse
 
+LOG = logging.getLogger(__name__)
+
 COVERAGE = 0.07
 SMALLEST_M = 0.25
+LARGEST = 0.9
+"""Diameter of a crater at most, in edges of the stage."""
+
+
+def warn_of_relief(spec: GroundSpec) -> None:
+    """Say where a stage is too small for craters of the depth that is asked for."""
+    deepest_m = DEPTH * LARGEST * spec.extent_m
+    if spec.relief_m is not None and spec.relief_m > deepest_m:
+        LOG.warning(
+            "stage.relief_m: received %g, but the largest crater on a stage of %g m is %.3g m deep",
+            spec.relief_m,
+            spec.extent_m,
+            deepest_m,
+        )
 
 
 def crater_field(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """Craters by a production function, each worn by diffusion since it formed.
 
-    Relief is the depth of the largest crater.
+    Relief is the depth of the largest crater that may fall.
     """
     largest_m = relief_or(spec, 0.07 * spec.extent_m) / DEPTH
-    largest_m = min(largest_m, 0.9 * spec.extent_m)
+    largest_m = min(largest_m, LARGEST * spec.extent_m)
     spacing_m = spec.spacing_m
     domain = domain_of(spec, margin=1.0)
     swells = 0.010 * spec.extent_m * domain.cut(domain.noise(3.0, rng, octaves=4), spec)
