@@ -32,7 +32,7 @@ from oaisys_dataset.shards import HEAD, manifest_name, tar_name, write_failure, 
 
 OTHER_ROCKS: dict[str, Any] = {
     **SCANNED,
-    "assets": {"rocks": [{"count": [6, 6], "size_m": [0.5, 1.5]}]},
+    "assets": {"rocks": [{"count": [40, 40], "size_m": [0.5, 1.5]}]},
 }
 """Worlds that no other set has, although the seeds are the same."""
 
@@ -109,7 +109,7 @@ def test_the_head_says_where_each_world_comes_from(merged: Path, other: Path) ->
     assert head["splits"] == pytest.approx({"train": 0.5, "val": 0.25, "test": 0.25})
     assert [part["first_world"] for part in head["merged"]] == [0, 2]
     assert head["merged"][1]["place"] == str(other)
-    assert head["merged"][1]["config"]["assets"]["rocks"][0]["count"] == [6, 6]
+    assert head["merged"][1]["config"]["assets"]["rocks"][0]["count"] == [40, 40]
     failed = json.loads((merged / "failed/world_000003.json").read_text(encoding="utf-8"))
     assert (failed["world"], failed["reason"]) == (3, "no free view")
 

@@ -145,7 +145,9 @@ class Planner(Node):
             return
         if self._goal is None:
             position, yaw = self._pose
-            self._fly([(position, yaw + turn) for turn in np.arange(1, 5) * math.pi / 2])
+            # Not back to where it began, or an odometry of before would say that it is there.
+            turns = (np.arange(4) + 0.5) * math.pi / 2
+            self._fly([(position, yaw + turn) for turn in turns])
         elif self._arrived is not None:
             if self._integrated >= self._arrived:
                 self._plan()
@@ -180,6 +182,8 @@ class Planner(Node):
         for goal in reachable:
             discount = math.exp(-np.linalg.norm(goal - position) / 20.0)
             for yaw, gain in self._gains(goal):
+                if is_same((goal, yaw), self._pose):
+                    continue
                 if gain > self._values["least_gain"] and gain * discount > best_worth:
                     best, best_worth = (goal, yaw), gain * discount
         return best
