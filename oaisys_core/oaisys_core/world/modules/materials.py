@@ -203,7 +203,7 @@ def _lay_snow(world: World, depth_m: float | None, share: NDArray[np.float32]) -
     if depth_m is None:
         depth_m = SNOW_DEPTH_M if world.has_rock_walls else 0.0
     if depth_m:
-        ground = _height_field(world, "materials.snow_depth_m", f"{depth_m:g}", "0")
+        ground = _height_field(world, "materials.snow_depth_m", depth_m, "0")
         _move_ground(world, lay_snow(ground, share, depth_m))
 
 
@@ -212,7 +212,7 @@ def _displace(world: World, relief: LayerRelief) -> None:
     _move_ground(world, displace(ground, relief))
 
 
-def _height_field(world: World, field: str, received: str, expected: str) -> HeightField:
+def _height_field(world: World, field: str, received: object, expected: str) -> HeightField:
     ground = require(world.ground)
     if isinstance(ground, HeightField):
         return ground

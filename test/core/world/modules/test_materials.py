@@ -15,6 +15,7 @@ from oaisys_core import randomness
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.procedural.terrain.displacement import LayerRelief, displace, relief_of_maps
+from oaisys_core.procedural.terrain.mesh_ground import MeshGround
 from oaisys_core.procedural.terrain.water.ponds import NO_WATER, Water, WaterLook
 from oaisys_core.procedural.textures.adjusting import ColorChange, recolor, with_relief
 from oaisys_core.procedural.textures.label_image import load_label_image
@@ -387,3 +388,13 @@ def test_plants_end_where_water_is_deep(other: dict[str, Any], method: str) -> N
     at_m = (np.arange(64) + 0.5) / 32
     assert moss[:, at_m < 0.6].max() == 0.0, "deep"
     assert moss[:, at_m > 1.0].mean() > 0.3, "dry"
+
+
+def test_snow_on_a_mesh_is_refused_where_it_is_asked_for() -> None:
+    grid = HeightField(LEVELS_M.astype(np.float32), (-4, -4), 0.125)
+    ground = MeshGround(grid.vertices_m(), grid.triangles())
+    module = MaterialsModule(config(layers=SNOW_ABOVE, snow_depth_m=0.2))
+    module.setup()
+    expected = "materials.snow_depth_m: received 0.2, expected 0, because this ground is not a"
+    with pytest.raises(InvalidInputError, match=expected):
+        module.step_batch(World(ground=ground, stage_hash="stage"), None, randomness.stream(1, "m"))
