@@ -85,7 +85,7 @@ def claim_domain() -> Iterator[int]:
                 if error.errno != errno.EADDRINUSE:
                     raise OaisysError(f"no ROS domain can be claimed: {error}") from error
                 continue
-            if any(foreign_ports(number)):
+            if foreign_ports(number):
                 continue
             yield number
             return

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -53,30 +53,34 @@ def require_safe_ports(domain: int, folder: Path = SHARED_MEMORY) -> None:
     Raises:
         OaisysError: A link, or a port of another user that no program of theirs holds.
     """
-    for path in (*_foreign_ports(range(FIRST_PORT), folder), *foreign_ports(domain, folder)):
-        is_file = path.is_file() and not path.is_symlink()
+    for path, mode in _foreign_ports((range(FIRST_PORT), _ports_of(domain)), folder):
         # What this user may not write to, Fast DDS does not use either.
-        if not is_file or (os.access(path, os.W_OK) and not _is_held(path)):
+        if not stat.S_ISREG(mode) or (os.access(path, os.W_OK) and not _is_held(path)):
             raise OaisysError(
                 f"{path} is a link or another user's, and no program of theirs uses it: remove it,"
                 " or set another ROS_DOMAIN_ID"
             )
 
 
-def foreign_ports(domain: int, folder: Path = SHARED_MEMORY) -> Iterator[Path]:
-    """Yield links and what others than this user have under names of a ROS domain's ports."""
+def foreign_ports(domain: int, folder: Path = SHARED_MEMORY) -> list[Path]:
+    """Return links and what others than this user have under names of a ROS domain's ports."""
+    return [path for path, _ in _foreign_ports((_ports_of(domain),), folder)]
+
+
+def _ports_of(domain: int) -> range:
     first = FIRST_PORT + PORTS_OF_DOMAIN * domain
-    yield from _foreign_ports(range(first, first + PORTS_OF_DOMAIN), folder)
+    return range(first, first + PORTS_OF_DOMAIN)
 
 
-def _foreign_ports(ports: range, folder: Path) -> Iterator[Path]:
+def _foreign_ports(ports: Sequence[range], folder: Path) -> Iterator[tuple[Path, int]]:
+    """Yield what is under names of some ports, and its mode, as in `foreign_ports`."""
     for path in folder.iterdir() if folder.is_dir() else ():
         found = _PORT.fullmatch(path.name)
-        if found and int(found[1]) in ports:
+        if found and any(int(found[1]) in each for each in ports):
             with suppress(FileNotFoundError):  # its program has ended since
                 status = path.lstat()
                 if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
-                    yield path
+                    yield path, status.st_mode
 
 
 def _is_held(path: Path) -> bool:

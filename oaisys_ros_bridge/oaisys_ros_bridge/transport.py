@@ -7,6 +7,7 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
+from oaisys_core.system.private_files import hide_file
 from oaisys_ros_bridge.namespaces import current_domain
 from oaisys_ros_bridge.shared_memory import SHARED_MEMORY, require_safe_ports
 
@@ -61,8 +62,4 @@ def hide_shared_memory() -> None:
         path = Path(line.split(maxsplit=5)[-1])
         if path.parent == SHARED_MEMORY and path.name.startswith(SEGMENTS):
             with suppress(OSError):  # removed since, a link in its place, or another user's
-                descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-                try:
-                    os.fchmod(descriptor, 0o600)
-                finally:
-                    os.close(descriptor)
+                hide_file(path)

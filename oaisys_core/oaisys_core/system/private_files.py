@@ -21,7 +21,21 @@ def open_private(path: Path, flags: int) -> int:
         PermissionError: It is another user's, or no regular file.
         OSError: It is a link, or cannot be opened.
     """
-    flags |= os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    return _open_own(path, flags | os.O_CREAT)
+
+
+def hide_file(path: Path) -> None:
+    """Let this user alone read a file that there is.
+
+    Raises:
+        PermissionError: It is another user's, or no regular file.
+        OSError: It is a link, or there is none.
+    """
+    os.close(_open_own(path, os.O_RDONLY))
+
+
+def _open_own(path: Path, flags: int) -> int:
+    flags |= os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     descriptor = os.open(path, flags, PRIVATE_FILE)
     try:
         found = os.fstat(descriptor)

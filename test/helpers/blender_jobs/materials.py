@@ -71,6 +71,7 @@ def blocks(scenes: Sequence[Scene]) -> list[dict[str, int]]:
     return counts
 
 
+@coarse_clouds()
 def images_through_updates(
     scenes: Sequence[Scene], camera: PlacedCamera, wanted: Sequence[RenderSettings]
 ) -> list[tuple[int, int, int]]:
@@ -79,21 +80,20 @@ def images_through_updates(
     Returns for each change of the world how many images of the last render that Cycles made were
     removed before the next render, how many there were before that, and how many are left after.
     """
-    with coarse_clouds():
-        backend = BlenderBackend()
-        backend.build(scenes[0], ignore)
-        backend.render_all([camera], wanted[0], ignore)
-        in_cycles = {image.as_pointer() for image in bpy.data.images}
-        found = []
-        for scene, quality in zip(scenes[1:], wanted[1:], strict=True):
-            backend.update(scene)
-            present = {image.as_pointer() for image in bpy.data.images}
-            backend.render_all([camera], quality, ignore)
-            left = {image.as_pointer() for image in bpy.data.images}
-            found.append((len(in_cycles - present), len(present), len(left)))
-            if quality.quality != DRAFT:
-                in_cycles = left
-        return found
+    backend = BlenderBackend()
+    backend.build(scenes[0], ignore)
+    backend.render_all([camera], wanted[0], ignore)
+    in_cycles = {image.as_pointer() for image in bpy.data.images}
+    found = []
+    for scene, quality in zip(scenes[1:], wanted[1:], strict=True):
+        backend.update(scene)
+        present = {image.as_pointer() for image in bpy.data.images}
+        backend.render_all([camera], quality, ignore)
+        left = {image.as_pointer() for image in bpy.data.images}
+        found.append((len(in_cycles - present), len(present), len(left)))
+        if quality.quality != DRAFT:
+            in_cycles = left
+    return found
 
 
 def lookups_by_level(scene: Scene) -> list[set[tuple[str, str]]]:

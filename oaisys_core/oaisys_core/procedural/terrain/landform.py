@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.procedural.terrain.noise import fractal, grid, warp
 from oaisys_core.types import FloatArray
+
+LOG = logging.getLogger(__name__)
 
 Elevation = NDArray[np.float32]
 
@@ -65,6 +68,17 @@ def subtract_median(elevation_m: Elevation | FloatArray) -> Elevation:
 def relief_or(spec: GroundSpec, default_m: float) -> float:
     """Return the requested relief, or the default of the preset."""
     return default_m if spec.relief_m is None else spec.relief_m
+
+
+def warn_of_relief(relief_m: float, extent_m: float, deepest_m: float) -> None:
+    """Say where a stage is too small for craters of the depth that is asked for."""
+    if relief_m > deepest_m:
+        LOG.warning(
+            "stage.relief_m: received %g, but the largest crater on a stage of %g m is %.3g m deep",
+            relief_m,
+            extent_m,
+            deepest_m,
+        )
 
 
 def refine(coarse: FloatArray, size_px: int) -> FloatArray:

@@ -16,11 +16,12 @@ from oaisys_core.procedural.terrain.landform import (
     scale_to_relief,
     subtract_median,
     unevenness,
+    warn_of_relief,
 )
 from oaisys_core.procedural.terrain.landscapes.alpine import alpine
 from oaisys_core.procedural.terrain.landscapes.badlands import badlands
 from oaisys_core.procedural.terrain.landscapes.canyon import canyon
-from oaisys_core.procedural.terrain.landscapes.crater_field import crater_field, warn_of_relief
+from oaisys_core.procedural.terrain.landscapes.crater_field import crater_field, deepest_m
 from oaisys_core.procedural.terrain.landscapes.kept import make_once
 from oaisys_core.procedural.terrain.landscapes.river_bed import river_bed
 from oaisys_core.procedural.terrain.landscapes.slab_dunes import slab_dunes
@@ -63,8 +64,8 @@ def make_ground(
     if preset in SHAPED and relief_m is not None:
         # Processes divide by the relief.
         spec = replace(spec, relief_m=max(relief_m, LEAST_RELIEF * extent_m))
-    if preset == "crater_field":
-        warn_of_relief(spec)  # also of a ground that is kept
+    if preset == "crater_field" and relief_m is not None:
+        warn_of_relief(relief_m, extent_m, deepest_m(extent_m))  # also of a ground that is kept
     if preset in SHAPED or preset in ROCKY:
         elevation_m = make_once(preset, spec, rng, lambda: np.asarray(maker(spec, rng)))
     else:

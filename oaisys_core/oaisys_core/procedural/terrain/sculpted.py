@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -18,12 +16,11 @@ from oaisys_core.procedural.terrain.landform import (
     relief_or,
     subtract_median,
     unevenness,
+    warn_of_relief,
 )
 from oaisys_core.procedural.terrain.noise import fractal, grid, warp
 from oaisys_core.procedural.terrain.processes.bedrock import bend_to_joints, lay_talus
 from oaisys_core.types import FloatArray
-
-logger = logging.getLogger(__name__)
 
 SAND_PX = 385
 """Grid size for sliding sand, at any resolution of the ground."""
@@ -144,11 +141,7 @@ def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 def _diameter_m(depth_m: float, extent_m: float) -> float:
     """Return the diameter of a fresh crater of a depth, as large as a stage can have it."""
     most_m = MAX_LARGEST_CRATER * extent_m
-    if depth_m > DEPTH_SHARE * most_m:
-        logger.warning(
-            "stage.relief_m: received %g, but the largest crater on a stage of %g m is %.3g m deep",
-            depth_m, extent_m, DEPTH_SHARE * most_m,
-        )  # fmt: skip
+    warn_of_relief(depth_m, extent_m, DEPTH_SHARE * most_m)
     return min(depth_m / DEPTH_SHARE, most_m)
 
 

@@ -17,12 +17,25 @@ from oaisys_core.scene import Ground
 
 Bounds = tuple[float, float]
 
+FLOODED_M, BARELY = (0.1, 0.4), 1e-9
+"""Depths of water in which layers of plants become less, and in which there are none; and how well
+conditions of other layers hold there at least."""
+
 
 def layer_gates(
-    conditions: Sequence[ConditionConfig | None], ground: Ground, size_px: int
+    conditions: Sequence[ConditionConfig | None],
+    ground: Ground,
+    size_px: int,
+    *,
+    green: Sequence[bool] = (),
+    water_m: float | None = None,
 ) -> NDArray[np.float32] | None:
-    """Return (L, size_px, size_px) weights, 0 to 1, of the layers' conditions; None without any."""
-    if len(conditions) == 1 or not any(conditions):
+    """Return (L, size_px, size_px) weights, 0 to 1, of the layers' conditions; None without any.
+
+    Plants, which are ``green``, end where they would be deep below a level of water.
+    """
+    ends_in_water = water_m is not None and any(green) and not all(green)
+    if len(conditions) == 1 or not (any(conditions) or ends_in_water):
         return None
     relief, forces = relief_of(ground, size_px), GroundForces(ground)
     gates = np.ones((len(conditions), size_px, size_px), np.float32)
@@ -33,7 +46,18 @@ def layer_gates(
                 np.minimum(
                     gates[index], gate(_resize(values, size_px), bounds, soft), out=gates[index]
                 )
+    if water_m is not None and ends_in_water:
+        _end_in_water(gates, np.array(green), water_m - relief.height_m)
     return gates
+
+
+def _end_in_water(gates: NDArray[np.float32], is_green: NDArray[np.bool_], depth_m: Field) -> None:
+    """Close the gates of plants where water is deep."""
+    least_m, most_m = FLOODED_M
+    flooded = np.clip((depth_m - least_m) / (most_m - least_m), 0, 1)
+    gates[is_green] *= 1 - flooded
+    # Where nothing else may lie either, whatever is no plant does.
+    gates[~is_green] = np.maximum(gates[~is_green], np.float32(BARELY) * flooded)
 
 
 def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]:

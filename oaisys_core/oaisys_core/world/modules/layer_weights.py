@@ -18,7 +18,7 @@ from oaisys_core.procedural.terrain.masks.patches import (
     border_softness,
     layer_masks,
 )
-from oaisys_core.procedural.terrain.masks.relief import RELIEF_PX, Relief, exposure, relief_of
+from oaisys_core.procedural.terrain.masks.relief import RELIEF_PX, exposure, relief_of
 from oaisys_core.procedural.terrain.surroundings.land_masks import PatchyLandMasks, farthest_m
 from oaisys_core.procedural.terrain.surroundings.land_relief import ReliefAround
 from oaisys_core.procedural.terrain.water.moisture import moisture
@@ -32,10 +32,6 @@ from oaisys_core.world.modules.layers import exposure_of
 NO_SHARE = 1.0
 """Share of a layer without one, if another layer has a share."""
 
-FLOODED_M, BARELY = (0.1, 0.4), 1e-9
-"""Depths of water in which layers of plants become less, and in which there are none; and how well
-conditions of other layers hold there at least.
-"""
 
 RELIEF_STRENGTH = 2.0
 """Change of a patch's score, in standard deviations of patches, where the ground is one standard
@@ -76,9 +72,8 @@ def layer_weights(
     shares = None
     if any(layer.share is not None for layer in layers):
         shares = [layer.share or NO_SHARE for layer in layers]
-    gates = layer_gates([layer.when for layer in layers], ground, mask.size_px)
-    if water_m is not None and any(green) and not all(green):
-        gates = _out_of_water(gates, np.array(green), relief_of(ground, mask.size_px), water_m)
+    conditions = [layer.when for layer in layers]
+    gates = layer_gates(conditions, ground, mask.size_px, green=green, water_m=water_m)
     if mask.method == "patches":
         return blend_masks(
             len(layers),
@@ -100,20 +95,6 @@ def layer_weights(
     return layer_masks(
         noises, size_m, mask.size_px, rngs, noise.borders, shares=shares, gates=gates
     )
-
-
-def _out_of_water(
-    gates: NDArray[np.float32] | None, green: NDArray[np.bool_], relief: Relief, water_m: float
-) -> NDArray[np.float32]:
-    """Return the weights of the layers' conditions, by which plants end where water is deep."""
-    least_m, most_m = FLOODED_M
-    flooded = np.clip((water_m - relief.height_m - least_m) / (most_m - least_m), 0, 1)
-    if gates is None:
-        gates = np.ones((len(green), *flooded.shape), np.float32)
-    gates[green] *= 1 - flooded
-    # Where nothing else may lie either, whatever is no plant does.
-    gates[~green] = np.maximum(gates[~green], np.float32(BARELY) * flooded)
-    return gates
 
 
 def _preferences(

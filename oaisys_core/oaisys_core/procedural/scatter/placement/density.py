@@ -23,9 +23,8 @@ from oaisys_core.config.sections.density import (
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.files.image_formats.image_use import DENSITY
 from oaisys_core.files.image_formats.images import read_pixels
-from oaisys_core.procedural.scatter.placement.random_poses import slope_deg
+from oaisys_core.procedural.scatter.placement.random_poses import log_gaussian, slope_deg
 from oaisys_core.procedural.terrain.noise import Field, spectral
-from oaisys_core.procedural.terrain.noise import band as noise_band
 from oaisys_core.procedural.terrain.water.moisture import moisture
 from oaisys_core.scene import Ground
 from oaisys_core.scene.terrain_material import TerrainMaterial
@@ -111,9 +110,7 @@ def _density(
 def in_clumps(density: Density, size_m: float, ground: Ground, rng: np.random.Generator) -> Density:
     """Return a density of plants that stand in clumps, with some alone between them.
 
-    Seeds fall near their plants and shoots grow beside them, so that the logarithm of the density
-    is normally distributed (Moller, Syversveen and Waagepetersen, "Log Gaussian Cox processes",
-    Scand. J. Statist. 25, 1998).
+    Seeds fall near their plants and shoots grow beside them, see `log_gaussian`.
 
     Args:
         density: How many there are on average.
@@ -126,8 +123,7 @@ def in_clumps(density: Density, size_m: float, ground: Ground, rng: np.random.Ge
     highest, lowest = (max(extent_m / (each * size_m), 1.0) for each in CLUMP_SIZES)
     least_px, most_px = CLUMPS_PX
     size_px = int(np.clip(2 ** np.ceil(np.log2(4 * highest)), least_px, most_px))
-    noise = noise_band(size_px, lowest, max(highest, 2 * lowest), rng)
-    share = np.exp(CLUMPED * (np.minimum(noise, DENSEST) - DENSEST))
+    share = log_gaussian(size_px, lowest, highest, CLUMPED, DENSEST, rng)
     return lambda xy: density(xy) * bilinear(share, ground, xy)
 
 

@@ -21,7 +21,7 @@ ROUNDS = 16
 """Rounds of drawing positions before fewer objects are accepted."""
 
 SPARE = 6
-"""Places drawn for each that is missing, if some are preferred."""
+"""Places drawn for each that is missing."""
 
 MAX_TILT_DEG = 18.0
 """Largest tilt of things of `TILT_SIZE_M` away from the ground's normal, unless said otherwise."""
@@ -103,7 +103,7 @@ def scatter_on(
         first, and (N,) indices into ``shapes``.
     """
     sizes_m = np.sort(sizes_m)[::-1]
-    density = np.exp(CLUMPED * clumping * (np.minimum(_patches(ground, rng), DENSEST) - DENSEST))
+    density = _patches(ground, CLUMPED * clumping, rng)
     margin_m = rim_m(ground, sizes_m)
 
     def draw(count: int, sources: FloatArray) -> FloatArray:
@@ -148,11 +148,35 @@ def _beside(
     return np.asarray(sources[chosen] + away * (1 + CLEAR / length) * sizes_m[chosen, None])
 
 
-def _patches(ground: Ground, rng: np.random.Generator) -> Field:
-    """Return noise over the ground with features of the sizes of `PATCH_M`."""
+def _patches(ground: Ground, clumped: float, rng: np.random.Generator) -> Field:
+    """Return a density, up to 1, of patches of the sizes of `PATCH_M`."""
     x0, _, x1, _ = ground.extent_m
     highest, lowest = (max((x1 - x0) / (2 * each), 1.0) for each in PATCH_M)
-    return band(PATCHES_PX, lowest, max(highest, 2 * lowest), rng)
+    return log_gaussian(PATCHES_PX, lowest, highest, clumped, DENSEST, rng)
+
+
+def log_gaussian(
+    size_px: int,
+    lowest: float,
+    highest: float,
+    clumped: float,
+    densest: float,
+    rng: np.random.Generator,
+) -> Field:
+    """Return a (size_px, size_px) density, up to 1, whose logarithm is normally distributed.
+
+    So do things lie of which one brings others (Moller, Syversveen and Waagepetersen, "Log Gaussian
+    Cox processes", Scand. J. Statist. 25, 1998).
+
+    Args:
+        size_px: Edge length.
+        lowest, highest: Frequencies, in waves per edge, between which there are clumps.
+        clumped: Standard deviation of the logarithm.
+        densest: Where it ends, in the same.
+        rng: Draws the clumps.
+    """
+    noise = band(size_px, lowest, max(highest, 2 * lowest), rng)
+    return np.asarray(np.exp(clumped * (np.minimum(noise, densest) - densest)))
 
 
 def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:

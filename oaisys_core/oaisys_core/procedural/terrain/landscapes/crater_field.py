@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 
 from oaisys_core.procedural.terrain.landform import (
@@ -17,24 +15,15 @@ from oaisys_core.procedural.terrain.noise import fractal, grid
 from oaisys_core.procedural.terrain.processes.impacts import DEPTH, add_impacts, draw_impacts
 from oaisys_core.procedural.terrain.processes.slopes import diffuse
 
-LOG = logging.getLogger(__name__)
-
 COVERAGE = 0.07
 SMALLEST_M = 0.25
 LARGEST = 0.9
 """Diameter of a crater at most, in edges of the stage."""
 
 
-def warn_of_relief(spec: GroundSpec) -> None:
-    """Say where a stage is too small for craters of the depth that is asked for."""
-    deepest_m = DEPTH * LARGEST * spec.extent_m
-    if spec.relief_m is not None and spec.relief_m > deepest_m:
-        LOG.warning(
-            "stage.relief_m: received %g, but the largest crater on a stage of %g m is %.3g m deep",
-            spec.relief_m,
-            spec.extent_m,
-            deepest_m,
-        )
+def deepest_m(extent_m: float) -> float:
+    """Return the depth of the largest crater that a stage has room for."""
+    return DEPTH * LARGEST * extent_m
 
 
 def crater_field(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
